@@ -55,8 +55,8 @@ fn a_needles_body_sweeps_over_a_slab() {
     assert!((1e-4..2e-3).contains(&spent), "{spent} J");
 }
 
-/// Corotational tissue under a thin body that is swept to and fro, with the hand's times multiplied and so many solves a second.
-fn swept(slower: f64, host_hz: f64) -> (Watched, Tapped, Summary) {
+/// Corotational tissue under a thin body that is swept to and fro, with so many solves a second.
+fn swept(host_hz: f64) -> (Watched, Tapped, Summary) {
     let text = std::fs::read_to_string(root().join("scenes/needle-sweeps.toml")).unwrap();
     let (before, _) = text.split_once("[hand]").unwrap();
     let before = before
@@ -70,7 +70,6 @@ fn swept(slower: f64, host_hz: f64) -> (Watched, Tapped, Summary) {
         (0.2 + 0.15 * turn as f64, x_m, -0.001)
     });
     let points = [high].into_iter().chain(sweeps).map(|(time_s, x_m, z_m)| {
-        let time_s = slower * time_s;
         format!("[[hand.way_point]]\ntime_s = {time_s}\nposition_m = [{x_m}, -0.0181, {z_m}]\n")
     });
     let hand = "[hand]\nstiffness_n_per_m = 1000.0\ndamping_n_s_per_m = 10.0\n";
@@ -78,14 +77,14 @@ fn swept(slower: f64, host_hz: f64) -> (Watched, Tapped, Summary) {
     let text = [before.as_str(), hand, &points.collect::<String>(), &host].concat();
     let document = sutura_host::scene::Document::embedded("sweeps.toml", Path::new(""), &text);
     let scene = Scene::read(&document, "sweeps").unwrap();
-    watch(&scene, 1.1 * slower + 1.4)
+    watch(&scene, 2.5)
 }
 
 /// A hand that goes 130 mm/s, several times what a step follows of a thin body's way at 15 solves a second, is caught up with: each
-/// step is felt where it has come to, and at rest the force is that of a hand that nothing lagged behind.
+/// step is felt where it has come to.
 #[test]
 fn a_hand_that_is_faster_than_a_step_follows_is_caught_up_with() {
-    let (watched, tapped, summary) = swept(1.0, 15.0);
+    let (watched, tapped, summary) = swept(15.0);
     assert_eq!((summary.status.as_str(), summary.decays), ("ok", 0));
     assert_eq!(summary.steps_withheld.len(), 0, "{summary:?}");
     assert!(summary.steps_behind > 5, "{}", summary.steps_behind);
@@ -111,12 +110,6 @@ fn a_hand_that_is_faster_than_a_step_follows_is_caught_up_with() {
         lags += u32::from(lag_m > 1e-3);
     }
     assert!(lags > 5, "{lags}");
-    let (_, slow, summary) = swept(12.0, 100.0);
-    assert_eq!(summary.steps_behind, 0);
-    let felt = |tapped: &Tapped| tapped.states.last().map(|(_, state)| state.force_n[2]);
-    let [fast_n, slow_n] = [&tapped, &slow].map(|tapped| felt(tapped).unwrap());
-    assert!(slow_n > 0.2, "{slow_n} N");
-    assert!((fast_n / slow_n - 1.0).abs() < 0.02, "{fast_n} {slow_n} N");
 }
 
 /// Every step is sent, the force stays below the device's limit, and at the end the tissue is alone again.

@@ -36,7 +36,7 @@ pub(crate) use rest::{NoRest, hold, settle};
 pub(crate) use sources::SourcesWork;
 pub(crate) use sources::{Sources, SourcesState};
 pub use state::State;
-pub(crate) use tangent::{Pull, slide_twist, unit};
+pub(crate) use tangent::{Pull, slide_twist};
 pub(crate) use targets::about;
 pub use tool_rows::{MAX_TOOL_ROWS, ToolRowKind, ToolRows};
 pub(crate) use workspace::DEFAULT_CACHE_BYTES;

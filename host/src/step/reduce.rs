@@ -18,8 +18,6 @@ pub(crate) struct Felt {
     pub touching: Option<u32>,
     /// Force \[N\] and moment about the grip \[N m\] on it.
     pub wrench: Vector6<f64>,
-    /// d wrench / d pose of what no row holds, (6 x 6).
-    pub tangent: Matrix6<f64>,
     /// Rows that it feels.
     pub rows: u32,
     /// How far it is from touching \[m\], and the normal there.
@@ -35,7 +33,6 @@ impl Felt {
             grip: Vector3::from(sample.position_m),
             touching: balance.sources.tools.place_of(tool.map(|(index, _)| index)),
             wrench: Vector6::zeros(),
-            tangent: Matrix6::zeros(),
             rows: 0,
             gap_m: f64::MAX,
             normal: Vector3::z(),
@@ -100,7 +97,6 @@ fn tool_tangent(balance: &Balance, tangent: &mut TangentWork, felt: &Felt) -> Ma
     };
     let mut derivative =
         tangent.differentiate(balance, &felt.grip, moves, &balance.work.threads.pulls);
-    derivative += felt.tangent;
     // Without friction what tools feel comes from an energy: symmetric to the last bit, but for what the moment makes.
     if felt.touching.is_some() && balance.sources.are_conservative() {
         let moment: Vector3<f64> = felt.wrench.fixed_rows::<3>(3).into();

@@ -21,7 +21,7 @@ use crate::needle::{
 use crate::rod::{BarPart, BarState};
 use crate::source::tool::{Cones, ToolContacts, TouchingTools};
 use crate::source::{Added, Handles, Kept as Memory, ON_POINTS, ON_WAYS, Room, Source};
-use crate::thread::{Obstacle, ThreadState, ThreadTension, Threads};
+use crate::thread::{Obstacle, ThreadState, Threads};
 use crate::tool::{MAX_TOOLS, Tool, ToolSample};
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -379,12 +379,6 @@ impl SourcesState {
         }
         self.time_us = other.time_us;
         self.memory.copy_from_slice(&other.memory);
-    }
-
-    /// Whether any thread pulls.
-    pub fn have_taut_threads(&self) -> bool {
-        let mut threads = self.threads.iter();
-        threads.any(|thread| thread.state == ThreadTension::Taut)
     }
 
     /// Whether a thread passes a body near enough that it may come to lie on it.

@@ -9,8 +9,7 @@ use crate::model::Model;
 
 /// Pieces that one step follows.
 const MAX_PIECES: u32 = 32;
-/// Times that a piece without balance is halved before the step gives up; between tools, while there was none since the last one that has a
-/// balance.
+/// Times that a piece without balance is halved before the step gives up.
 const MAX_HALVINGS: i32 = 3;
 
 /// Takes what is held to its targets in pieces.
@@ -25,9 +24,6 @@ pub(super) fn follow(model: &Model, balance: &mut Balance, targets: &Targets) ->
             .are_free(&targets.tools, |at| model.contains(at))
     };
     let mut halvings = 0;
-    let (has_tools, mut failures) = (!sources.tools.is_empty(), 0);
-    // Whether there is no balance at the end, from where all is.
-    let mut ends_have_none = false;
     loop {
         let ends = targets.with_free(balance.state);
         let share = ends.share(sources, balance.state);
@@ -38,19 +34,14 @@ pub(super) fn follow(model: &Model, balance: &mut Balance, targets: &Targets) ->
         balance.report.substeps += 1;
         match balance.to(&ends.part_way(balance.state, share)) {
             Ok(()) if share >= 1.0 => return Status::Ok,
-            Ok(()) => (halvings, ends_have_none) = (0, false),
-            // Between tools the way counts: its end may be on their other side. A taut thread's balance is found from one nearby.
-            Err(Status::NotConverged)
-                if has_tools && halvings < MAX_HALVINGS
-                    || failures < MAX_HALVINGS && balance.state.have_taut_threads() =>
-            {
+            Ok(()) => halvings = 0,
+            // Between tools the way counts: its end may be on their other side.
+            Err(Status::NotConverged) if !sources.tools.is_empty() && halvings < MAX_HALVINGS => {
                 halvings += 1;
-                failures += 1;
-                ends_have_none |= share >= 1.0;
             }
             // Where the way leads through what has no balance, its end may have one: that it can be left again.
             Err(Status::NotConverged | Status::TooManyRows)
-                if share < 1.0 && !ends_have_none && !has_tools =>
+                if share < 1.0 && sources.tools.is_empty() =>
             {
                 return jump(balance, &ends);
             }

@@ -757,8 +757,7 @@ fn free(matrix: &mut [f64], n: usize, row: usize) {
     matrix[n * row + row] = 1.0;
 }
 
-/// A unit shift, or turn.
-pub(crate) fn unit(pose: usize) -> (Vector3<f64>, Vector3<f64>) {
+fn unit(pose: usize) -> (Vector3<f64>, Vector3<f64>) {
     let along = |axis: usize| Vector3::ith(axis, 1.0);
     if pose < 3 {
         (along(pose), Vector3::zeros())

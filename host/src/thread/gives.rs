@@ -91,21 +91,29 @@ impl GaveWay {
 impl ThreadState {
     /// Most tension at the tail with which grips and knots hold and nothing breaks; whether it is as it was, or does not matter.
     pub(super) fn bind(&mut self, part: &ThreadPart, shared: f64) -> bool {
+        let Through { grip_n, knot_n, .. } = part.through;
         // Up to the first hand that tightens, which holds what comes.
         let end = self.portion(0).end;
         let segments = self.segments.iter().filter(|segment| segment.span < end);
+        // A grip withstands the difference of the tensions at both sides.
+        let holds = |end: usize, hold: ThreadHold| match hold {
+            ThreadHold::Tool(_) => grip_n + self.beyond_n[end],
+            ThreadHold::Knot => knot_n,
+            _ => f64::INFINITY,
+        };
         let more = |segment: &Segment| segment.tension_n - shared;
         let most = segments.map(more).fold(0.0, f64::max);
         let at_head = self.segments.last().map_or(0.0, more);
-        let head_n = if self.has_hands() {
-            f64::INFINITY
+        // The needle is too thick for a grip that holds the thread.
+        let head_n = if self.head.alpha < 0.0 && !self.has_hands() {
+            holds(1, self.head.by)
         } else {
-            self.holds_n(part, 1)
+            f64::INFINITY
         };
         let mut bound = (part.strength_n - most, Weakest::Thread);
         for (bound_n, weakest) in [
             (head_n - at_head, Weakest::Head),
-            (self.holds_n(part, 0), Weakest::Tail),
+            (holds(0, self.tail.by), Weakest::Tail),
         ] {
             if bound_n < bound.0 {
                 bound = (bound_n, weakest);
@@ -116,19 +124,6 @@ impl ThreadState {
         let follows = (bound_n - self.bound_n).abs() <= FOLLOWS * bound_n + NO_TENSION_N;
         (self.bound_n, self.weakest) = (bound_n, bound.1);
         follows || !matters
-    }
-
-    /// Most tension that what holds its tail, or its head, withstands \[N\].
-    pub(super) fn holds_n(&self, part: &ThreadPart, end: usize) -> f64 {
-        let Through { grip_n, knot_n, .. } = part.through;
-        match [self.tail.by, self.head.by][end] {
-            // The needle is too thick for a grip that holds the thread.
-            _ if end == 1 && self.head.alpha >= 0.0 => f64::INFINITY,
-            // A grip withstands the difference of the tensions at both sides.
-            ThreadHold::Tool(_) => grip_n + self.beyond_n[end],
-            ThreadHold::Knot => knot_n,
-            _ => f64::INFINITY,
-        }
     }
 
     /// Lets the thread slip through a grip that does not hold it, of which there is as much as up to the places `ends` on the thread
@@ -151,15 +146,6 @@ impl ThreadState {
                 let last = self.segments.last();
                 self.gave_way.opens = last.map(|last| last.tension_n);
             }
-            weakest => self.let_through(weakest, lacking, ends),
-        }
-        false
-    }
-
-    /// So much as is lacking \[m\] comes through a grip, of what there is up to the places `ends` on the thread \[m\].
-    pub(super) fn let_through(&mut self, weakest: Weakest, lacking: f64, ends: [f64; 2]) {
-        match weakest {
-            Weakest::Thread => {}
             Weakest::Tail => {
                 let slips = lacking.min(self.tail.alpha - ends[0]).max(0.0);
                 self.tail.alpha -= slips;
@@ -179,6 +165,7 @@ impl ThreadState {
                 self.gave_way.slip(1, self.head.by, slips, false);
             }
         }
+        false
     }
 
     /// The thread breaks where it is tensest. What is behind that is gone.
@@ -195,11 +182,6 @@ impl ThreadState {
         });
         let tension_n = tensest.map_or(0.0, |most| most.tension_n);
         let at_m = from.map_or(self.tail.alpha, |from| self.passed[from].crossing.alpha);
-        self.tear(at_m, tension_n);
-    }
-
-    /// The thread breaks at that place on it \[m\]. What is behind that is gone.
-    pub(super) fn tear(&mut self, at_m: f64, tension_n: f64) {
         let begins_m = self.before.map_or(self.end_m, |_| self.tail.alpha);
         let lost_m = at_m - begins_m;
         self.broken_off_m = Some(self.broken_off_m.unwrap_or(0.0) + lost_m);

@@ -3,7 +3,6 @@
 //! Entry points: [`ThreadPart`] for a thread that follows a needle in a [`crate::model::Model`];
 //! [`Hanging`] for the shape of what hangs. Source: Younes 2021, section 3.3.
 
-mod air;
 mod bends;
 mod chain;
 mod cylinder;

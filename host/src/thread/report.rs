@@ -6,7 +6,7 @@ use super::{Bridge, HandReport, ThreadEnd, ThreadPlace, ThreadPoint, ThreadRepor
 use crate::anchors::AnchorPoint;
 use crate::model::Model;
 use crate::needle::anchor;
-use crate::step::{Balance, Felt, Pull, Sources, SourcesState, unit};
+use crate::step::{Balance, Felt, Pull, Sources, SourcesState};
 use nalgebra::{Vector3, Vector6};
 
 impl SourcesState {
@@ -331,43 +331,6 @@ impl Balance<'_> {
             }
             first += thread.spread_rows(part, is_held);
         }
-        self.feel_air(felt);
-    }
-
-    /// What a tool feels of strands in the air whose ends it holds, and how that follows it.
-    fn feel_air(&self, felt: &mut Felt) {
-        for (index, thread) in self.state.threads.iter().enumerate() {
-            let Some(air) = thread.air.filter(|air| air.tension_n > 0.0) else {
-                continue;
-            };
-            let own = self.held_by(index).map(|by| by == Some(felt.tool));
-            let tail = thread.tail.at - felt.grip;
-            let arms = [tail, tail + air.way];
-            let pull = air.along() * air.tension_n;
-            let ends = || own.into_iter().zip(arms).zip([1.0, -1.0]);
-            let own_ends = || ends().filter(|((own, _), _)| *own);
-            for ((_, arm), sign) in own_ends() {
-                let force = pull * sign;
-                let moment = arm.cross(&force);
-                felt.wrench +=
-                    Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
-                felt.rows += 1;
-                if felt.touching.is_none() {
-                    felt.gap_m = 0.0;
-                }
-                for pose in 0..6 {
-                    let (shift, turn) = unit(pose);
-                    let moved = |arm: Vector3<f64>| shift + turn.cross(&arm);
-                    // From the tail to the head.
-                    let way = own_ends().map(|((_, arm), sign)| moved(arm) * -sign);
-                    let change = air.tangent() * way.sum::<Vector3<f64>>() * -sign;
-                    let moment = arm.cross(&change) + turn.cross(&arm).cross(&force);
-                    let mut column = felt.tangent.column_mut(pose);
-                    column +=
-                        Vector6::new(change.x, change.y, change.z, moment.x, moment.y, moment.z);
-                }
-            }
-        }
     }
 
     /// What a step found about each thread.
@@ -460,17 +423,6 @@ impl Balance<'_> {
 
     fn end_report(&self, strand: usize, end: ThreadEnd) -> EndReport {
         let thread = &self.state.threads[strand];
-        if let Some(air) = &thread.air {
-            let (sign, at) = match end {
-                ThreadEnd::Tail => (1.0, thread.tail.at),
-                ThreadEnd::Head | ThreadEnd::Span => (-1.0, thread.tail.at + air.way),
-            };
-            return EndReport {
-                tension_n: air.tension_n,
-                direction: (air.along() * sign).into(),
-                at_m: at.into(),
-            };
-        }
         let segment = match end {
             ThreadEnd::Tail => thread.segments.first(),
             ThreadEnd::Head | ThreadEnd::Span => thread.segments.last(),

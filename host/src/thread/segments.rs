@@ -473,9 +473,6 @@ impl ThreadState {
 
     /// What there is of thread for the path \[m\].
     pub fn available_m(&self) -> f64 {
-        if self.air.is_some() {
-            return self.head.alpha - self.tail.alpha;
-        }
         self.material_m(&(0..self.spans.len()))
     }
 
@@ -661,9 +658,8 @@ impl ThreadState {
     /// True length of its path \[m\].
     pub fn length_m(&self) -> f64 {
         let spans = 0..self.spans.len();
-        let air_m = self.air.map_or(0.0, |air| air.way.norm());
         // Not -0, which a sum of nothing is.
-        spans.map(|span| self.lengths_of(span)).sum::<f64>() + air_m
+        spans.map(|span| self.lengths_of(span)).sum::<f64>() + 0.0
     }
 
     /// True length of a span \[m\].
@@ -674,9 +670,6 @@ impl ThreadState {
 
     /// Tension behind the face of that name, towards the head \[N\]; in tissue as before it.
     pub fn tension_after(&self, id: u32) -> f64 {
-        if let Some(air) = &self.air {
-            return air.tension_n;
-        }
         // Beyond the last hand there is none where that holds the end.
         let last = self.spans.last().filter(|last| last.hand);
         let end = last.and_then(|last| self.passed.get(last.to?));
@@ -685,16 +678,6 @@ impl ThreadState {
         }
         let before = self.segments.iter().rfind(|segment| segment.key.0 <= id);
         before.map_or(0.0, |segment| segment.tension_n)
-    }
-
-    /// Tension at its tail, or its head \[N\].
-    pub fn tension_at(&self, end: usize) -> f64 {
-        let segment = match end {
-            0 => self.segments.first(),
-            _ => self.segments.last(),
-        };
-        let air_n = || self.air.map_or(0.0, |air| air.tension_n);
-        segment.map_or_else(air_n, |segment| segment.tension_n)
     }
 
     /// Typical compliance of a segment \[m/N\].

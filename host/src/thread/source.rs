@@ -171,7 +171,6 @@ impl Balance<'_> {
             let mut thread = std::mem::take(&mut self.state.threads[index]);
             let part = held.part_of(index);
             thread.drop_behind();
-            thread.stretch_in_air(part, head);
             if thread.pulls(part, head.is_some()) {
                 thread.lay(&ground, head, &mut known, |at| self.position_of(at));
             } else {
@@ -250,12 +249,7 @@ impl Balance<'_> {
             let is_held = self.is_held(index);
             let part = self.sources.threads.part_of(index);
             let ends = self.state.reach_m(index);
-            if self.state.threads[index].air.is_some() {
-                self.state.look_beyond(index);
-                self.state.threads[index].give_in_air(part, ends);
-            } else {
-                self.state.threads[index].finish(part, is_held, ends);
-            }
+            self.state.threads[index].finish(part, is_held, ends);
             self.state.share_slips(index);
         }
         for index in 0..self.state.threads.len() {

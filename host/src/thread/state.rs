@@ -3,7 +3,6 @@
 //! Entry point: [`ThreadState`]. A thread that no hand holds between its ends is one strand. Places on a thread are counted from its head at the needle: at most 0, as
 //! alpha behind the needle's end (younes-2021, 3.3).
 
-use super::air::Air;
 use super::gives::{GaveWay, LEFT_M};
 use super::lap::{Lap, MOST_LAPS};
 use super::model::{MOST_BENDS, MOST_SEGMENTS, ThreadHold, ThreadPart, ThreadTension, Tightening};
@@ -86,9 +85,6 @@ pub(crate) struct ThreadState {
     /// What has been broken off \[m\], if it has broken.
     pub broken_off_m: Option<f64>,
     pub gave_way: GaveWay,
-    /// Of a strand between two hands without tissue between.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub air: Option<Air>,
 }
 
 /// What of a held thread gives way first.
@@ -151,7 +147,6 @@ impl ThreadState {
             slipped_m: [0.0; 2],
             broken_off_m: None,
             gave_way: GaveWay::default(),
-            air: None,
             is_used: true,
             before: None,
             beyond_n: [0.0; 2],
@@ -191,7 +186,6 @@ impl ThreadState {
             slipped_m,
             broken_off_m,
             gave_way,
-            air,
             is_used,
             before,
             beyond_n,
@@ -221,7 +215,6 @@ impl ThreadState {
         *slipped_m = other.slipped_m;
         *broken_off_m = other.broken_off_m;
         *gave_way = other.gave_way;
-        *air = other.air;
     }
 
     /// The needle's end has gone through a face, `apart_m` from the one before: whether there is room. What lies

@@ -121,7 +121,6 @@ impl ThreadState {
     fn join(&mut self, other: &mut Self) {
         other.is_used = false;
         (self.before, self.tail, self.end_m) = (other.before, other.tail, other.end_m);
-        (self.air, other.air) = (None, None);
         self.pulled_m[0] = other.pulled_m[0];
         self.slipped_m[0] = other.slipped_m[0];
         self.friction_j += other.friction_j;
@@ -215,10 +214,11 @@ impl SourcesState {
     /// Tells a strand the tensions beyond its ends.
     pub fn look_beyond(&mut self, strand: usize) {
         let before = self.strand_before(strand);
-        let before_n = before.map_or(0.0, |before| self.threads[before].tension_at(1));
+        let before = before.and_then(|before| self.threads[before].segments.last());
         let after = self.strand_after(strand);
-        let after_n = after.map_or(0.0, |after| self.threads[after].tension_at(0));
-        self.threads[strand].beyond_n = [before_n, after_n];
+        let after = after.and_then(|after| self.threads[after].segments.first());
+        let beyond_n = [before, after].map(|end| end.map_or(0.0, |end| end.tension_n));
+        self.threads[strand].beyond_n = beyond_n;
     }
 
     /// See [`crate::step::State::hold_thread`]; `pose` is that of what holds it, if it has a place.

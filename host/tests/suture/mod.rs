@@ -8,7 +8,6 @@ mod friction;
 mod gives;
 mod hands;
 mod hanging;
-mod in_air;
 mod laps;
 mod least;
 mod one_length;
