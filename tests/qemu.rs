@@ -81,7 +81,8 @@ fn a_recording_comes_out_the_same_natively_and_on_the_image() {
     let native = ["--console", "virtual", "--lockstep"];
     let emulated = ["--console", "qemu", "--image", image];
     for console in [&native[..], &emulated[..]] {
-        json(&[&["run", "--seconds", "1", "--record", file], console].concat());
+        let record = ["run", "--seconds", "1", "--overwrite", "--record", file];
+        json(&[&record[..], console].concat());
         let natively = json(&["replay", file, "--verify"]);
         let on_image = json(&[
             "replay",

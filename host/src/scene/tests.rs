@@ -684,7 +684,7 @@ const SLIPS: &[Slip] = &[
     Slip {
         from: "seconds = 2.5",
         to: "seconds = \"2.5\"",
-        message: "invalid type: string \"2.5\", expected f64",
+        message: "this is text \"2.5\", and a number is needed",
         under: "\"2.5\"",
         help: "",
     },
@@ -870,7 +870,10 @@ fn a_way_point_out_of_an_arms_reach_is_refused() {
         "position_m = [0.5, 0.01, 0.05]",
     );
     let error = read(&far).expect_err("too far");
-    assert_eq!(error.to_string(), "the grip cannot reach this way point");
+    assert_eq!(
+        error.to_string(),
+        "the grip cannot reach this way point (0.5, 0.01, 0.05) m: it is 0.803 m from the shoulder, and the arm reaches 0.000 m to 0.440 m"
+    );
 }
 
 /// Cut off anywhere, a scene is read or refused at a place that is in it: no panic, no lost span.

@@ -351,9 +351,9 @@ impl Balance<'_> {
                 true => LEAST_TURN_OF_BODY,
                 false => LEAST_TURN,
             };
-            changed |= thread.bend(mesh, at, bends, |[from, to, up], former, out| {
+            changed |= thread.bend(mesh, at, bends, |from, to, up, out| {
                 found.clear();
-                wraps(skin, at, from, to, up, (least_turn, former), found);
+                wraps(skin, at, from, to, up, least_turn, found);
                 out.extend(found.iter().map(|wrap| AnchorPoint {
                     nodes: [wrap.nodes[0], wrap.nodes[1], wrap.nodes[0], wrap.nodes[0]],
                     weights: [wrap.weights[0], wrap.weights[1], 0.0, 0.0],

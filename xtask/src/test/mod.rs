@@ -189,7 +189,8 @@ fn tests(report: &mut Report, cases: Cases) {
     }
     report.tools(Kind::Build, "tests, built", [workspace("test --no-run")]);
     let profile = cases.profile();
-    let words = format!("nextest run --no-fail-fast --profile {profile}");
+    let threads = 2 * std::thread::available_parallelism().map_or(1, usize::from);
+    let words = format!("nextest run --no-fail-fast --profile {profile} --test-threads {threads}");
     let run = cases.of(workspace(&words));
     let again = run.shown();
     report.step(Kind::Tests, "tests", &again, |report| {

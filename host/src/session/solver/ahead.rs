@@ -34,15 +34,18 @@ const LOOK_MARGIN_M: f64 = 5e-4;
 const LOOK_MOST_M: [f64; 2] = [0.018, 0.012];
 
 impl SceneSolver {
-    /// Follows the way of the console's needle between two states that are far apart in several steps: friction is that of the
-    /// depth at which a step begins, and a boundary gives way at a step's end. Of needles that scripts move nobody feels that.
+    /// Follows the way of the needle or thread in the console's grip between two states that are far apart in several steps:
+    /// friction is that of the depth at which a step begins, a boundary gives way at a step's end, and a thread bends anew between
+    /// steps. Of what scripts move nobody feels that.
     pub(super) fn come_closer(&mut self, before: &ToolSample, sample: &ToolSample) {
         let period_us = sample
             .console_time_us
             .saturating_sub(before.console_time_us);
         let far = period_us > FAR_US && period_us <= LOOK_MOST_US as u64;
-        let mut needles = self.past.last.needles().iter();
-        let is_held = needles.any(|needle| needle.held_by == Some(sample.id));
+        let last = &self.past.last;
+        let mut needles = last.needles().iter();
+        let is_held = needles.any(|needle| needle.held_by == Some(sample.id))
+            || HeldThread::at_grip(last, sample.id).is_some();
         if !far || !is_held || !self.follower.is_linear() {
             return;
         }
