@@ -49,7 +49,8 @@ pub(super) fn sensors_that_are_broken_or_hot_are_a_fault(on: On) {
     let mut bench = Bench::start(on);
     bench.push();
     let well = *on_it(&mut bench);
-    let ways: [(u32, fn(&mut Fitted)); 5] = [
+    type Breaks = fn(&mut Fitted);
+    let ways: [(u32, Breaks); 5] = [
         (2, |on_it| on_it.stuck = Some(u16::MAX)),
         (2, |on_it| on_it.stuck = Some(0)),
         (0, |on_it| on_it.stops_closed = [false; 2]),

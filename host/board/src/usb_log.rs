@@ -123,8 +123,11 @@ mod tests {
 
     use super::*;
 
+    /// Class, subclass and protocol, the name's index, and of each endpoint its address and attributes.
+    type Interface<'a> = ([u8; 3], u8, &'a [[u8; 2]]);
+
     /// A configuration of interfaces: class, subclass, protocol, name, and endpoints by address and attributes (USB 2.0, 9.6).
-    fn configuration(interfaces: &[([u8; 3], u8, &[[u8; 2]])]) -> Vec<u8> {
+    fn configuration(interfaces: &[Interface<'_>]) -> Vec<u8> {
         let mut bytes = vec![9, 2, 0, 0, interfaces.len() as u8, 1, 0, 0x80, 250];
         for (number, ([class, subclass, protocol], name, endpoints)) in
             interfaces.iter().enumerate()

@@ -140,8 +140,8 @@ mod tests {
                 radius_m,
             } = cylinder;
             let legs = [around.on[0] - from, to - around.on[1]];
-            for end in 0..2 {
-                let off = legs[end] - around.along[end] * around.straight_m[end];
+            for (end, leg) in legs.iter().enumerate() {
+                let off = leg - around.along[end] * around.straight_m[end];
                 assert!(off.norm() < 1e-12, "{off}");
                 let out = (around.on[end] - origin) - axis * axis.dot(&(around.on[end] - origin));
                 assert!((out.norm() - radius_m).abs() < 1e-12);
