@@ -7,6 +7,8 @@
 //! | PD7, PD6 | joint 1's lower and upper end stop, contacts to 3.3 V that are closed between them | CN9 2, 4 |
 //! | PC3 | ADC2 channel 13: a motor's thermistor to ground, 10 kOhm to 3.3 V | CN9 5 (A2) |
 //!
+//! Its SPI waits for each byte: a unit of the chip that is dead holds the tick up until the watchdog resets the chip, and motors are off.
+//!
 //! A board whose own they are has this in its file, as `Sensors`, and hands in its pins. Pedals, buttons and an encoder's index are not among
 //! them: version 1 of the protocol has nothing that would carry them.
 

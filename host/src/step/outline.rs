@@ -291,7 +291,7 @@ impl Step<'_> {
         for (reached, sample) in reached.iter_mut().zip(samples) {
             *reached = self.state.reached(self.model, self.sources, sample);
         }
-        self.say(&reached[..samples.len()]);
+        self.say(reached.get(..samples.len()).unwrap_or(samples));
     }
 
     /// Columns for what comes, and what tools, needles and threads feel.

@@ -139,16 +139,13 @@ impl ThreadState {
             let length_m = coming.length_m + to.arc_m + leaving.length_m;
             let begin = set.terms.len() as u32;
             let mut straight = 0.0;
-            for (segment, along) in [
+            for (place, [a, b], along) in [
                 (coming.place, coming.ends, to.across[1]),
                 (leaving.place, leaving.ends, from.across[1]),
-            ]
-            .map(|(place, [a, b], along)| {
-                ((place, ground.unloaded(&b) - ground.unloaded(&a)), along)
-            }) {
-                straight += along.dot(&segment.1);
+            ] {
+                straight += along.dot(&(ground.unloaded(&b) - ground.unloaded(&a)));
                 set.terms.push(Term {
-                    anchor: segment.0,
+                    anchor: place,
                     direction: along.into(),
                 });
             }

@@ -278,6 +278,18 @@ struct EndReport {
     at_m: [f64; 3],
 }
 
+impl Felt {
+    /// Adds the pull of a thread.
+    fn pull(&mut self, Pull { arm, force, .. }: &Pull) {
+        let moment = arm.cross(force);
+        self.wrench += Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
+        self.rows += 1;
+        if self.touching.is_none() {
+            self.gap_m = 0.0;
+        }
+    }
+}
+
 impl Balance<'_> {
     /// What a tool feels of the ends of threads that it holds, or the needle before them.
     pub(super) fn feel_threads(&mut self, felt: &mut Felt) {
@@ -294,40 +306,28 @@ impl Balance<'_> {
                 if by != Some(felt.tool) {
                     continue;
                 }
-                let arm = at - felt.grip;
-                let moment = arm.cross(&force);
-                felt.wrench +=
-                    Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
-                felt.rows += 1;
-                if felt.touching.is_none() {
-                    felt.gap_m = 0.0;
-                }
-                self.work.threads.pulls.push(Pull {
-                    arm,
+                let pull = Pull {
+                    arm: at - felt.grip,
                     force,
                     rows,
                     on_body: None,
-                });
+                };
+                felt.pull(&pull);
+                self.work.threads.pulls.push(pull);
             }
             // What lies on its body is felt along the straight pieces there: where these begin does not matter.
             for pull in thread.pulls_on(part, is_held, first) {
                 if self.carrier(pull.with) != Some(felt.tool) {
                     continue;
                 }
-                let (arm, force) = (pull.far_m - felt.grip, pull.force);
-                let moment = arm.cross(&force);
-                felt.wrench +=
-                    Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
-                felt.rows += 1;
-                if felt.touching.is_none() {
-                    felt.gap_m = 0.0;
-                }
-                self.work.threads.pulls.push(Pull {
-                    arm,
-                    force,
+                let pull = Pull {
+                    arm: pull.far_m - felt.grip,
+                    force: pull.force,
                     rows: pull.rows,
                     on_body: Some(pull.way),
-                });
+                };
+                felt.pull(&pull);
+                self.work.threads.pulls.push(pull);
             }
             first += thread.spread_rows(part, is_held);
         }
