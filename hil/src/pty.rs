@@ -58,6 +58,12 @@ impl Pty {
     /// # Errors
     /// What the system says.
     pub fn unread(&self) -> io::Result<u64> {
+        // What is still on its way to the terminal is counted only once somebody has looked at that.
+        let looked = &mut [rustix::event::PollFd::new(
+            &self.terminal,
+            rustix::event::PollFlags::IN,
+        )];
+        rustix::event::poll(looked, Some(&rustix::event::Timespec::default()))?;
         Ok(rustix::io::ioctl_fionread(&self.terminal)?)
     }
 }
@@ -127,6 +133,16 @@ mod tests {
                 got.extend_from_slice(&chunk[..count]);
             }
             assert_eq!(got, sent);
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn what_a_host_has_not_read_is_counted_at_once() -> Result<(), Box<dyn Error>> {
+        for count in 1..500 {
+            let mut console = Pty::open()?;
+            console.write(&vec![7; count])?;
+            assert_eq!(console.unread()?, count as u64);
         }
         Ok(())
     }

@@ -90,10 +90,10 @@ cases! {
     needle_arc "needle-arc" false 0.5 1400 100.0;
     needle_held_slab "needle-held-slab" true 0.5 150 100.0;
     needle_hyperelastic "needle-hyperelastic" false 0.5 150 50.0;
-    suture_and_probe "suture-and-probe" true 0.5 125 25.0;
+    suture_and_probe "suture-and-probe" true 0.5 50 10.0;
     touching_slabs "touching-slabs" false 0.2 80 100.0;
-    wound_slabs "wound-slabs" false 0.5 450 50.0;
+    wound_slabs "wound-slabs" false 0.5 225 25.0;
     tied_slab "tied-slab" false 0.5 100 50.0;
     jaws_lift "jaws-lift" true 1.0 150 50.0;
-    anastomosis "anastomosis-20" false 1.0 400 50.0;
+    anastomosis "anastomosis-20" false 1.0 200 25.0;
 }

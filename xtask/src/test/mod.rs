@@ -146,9 +146,10 @@ fn steps(report: &mut Report, cases: Cases) {
     );
     let parts = native("test").map(|tool| cases.of(tool));
     report.tools(Kind::Tests, "firmware parts", parts);
-    tests(report, cases);
-    // What the page's tests wait for leaves time: what builds, and is not the command, runs beside them.
+    report.tools(Kind::Build, "tests, built", [workspace("test --no-run")]);
+    // What the page's tests wait for leaves time: all that does not build the command runs beside them.
     let page = page().map(Tool::beside);
+    tests(report, cases);
     report.step(
         Kind::Tests,
         "solver instructions",
@@ -159,11 +160,10 @@ fn steps(report: &mut Report, cases: Cases) {
     report.tools(
         Kind::Build,
         "documents",
-        [documents(Tool::new(
-            "cargo doc --workspace --lib --no-deps --locked",
-        ))]
-        .into_iter()
-        .chain(boards("doc --no-deps --lib").into_iter().map(documents)),
+        // With the examples, of which there are few, dependencies have the features that the lints checked them with.
+        [documents(workspace("doc --lib --examples --no-deps"))]
+            .into_iter()
+            .chain(boards("doc --no-deps --lib").into_iter().map(documents)),
     );
     let again = page.as_ref().map(Beside::shown).unwrap_or_default();
     report.step(Kind::Tests, "page in a browser", &again, |_| page?.wait());
@@ -176,11 +176,13 @@ fn steps(report: &mut Report, cases: Cases) {
     report.tools(Kind::Tests, "the command without a page", plain);
 }
 
-/// The workspace's tests: built, run, and the examples in its documents.
+/// A command for the workspace with all that its tests need.
+fn workspace(words: &str) -> Tool {
+    Tool::new(&format!("cargo {words} --workspace --locked --features")).arg(TEST_FEATURES)
+}
+
+/// The workspace's tests, and the examples in its documents.
 fn tests(report: &mut Report, cases: Cases) {
-    let workspace = |words: &str| {
-        Tool::new(&format!("cargo {words} --workspace --locked --features")).arg(TEST_FEATURES)
-    };
     if !setup::has_test_runner() {
         // Names and verdicts, but no times.
         let test = workspace("test --no-fail-fast");
