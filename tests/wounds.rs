@@ -201,7 +201,7 @@ fn an_anastomosis_is_drawn_together_bite_by_bite() {
         let spent = number(thread, "dissipated_j");
         (summary["trace_hash"].clone(), spent)
     };
-    let [without, some, more] = ["0.0", "0.1", "0.5"].map(drawn);
+    let [without, some, more] = ["0.0", "0.1", "1.0"].map(drawn);
     assert_eq!(without.1, 0.0);
     assert!(0.0 < some.1 && some.1 < more.1, "{some:?} {more:?}");
     assert!(without.0 != some.0 && some.0 != more.0 && without.0 != more.0);

@@ -301,8 +301,9 @@ impl ThreadState {
             };
             settled &= follows(limit_n, span.limit_n, span.friction_n);
             settled &= follows(lessens_n, passage.lessens_n, -span.friction_n);
-            let slides = |grown: f64| if tension > 0.0 { grown } else { 0.0 };
-            let lessened = if lessens_n < before {
+            // What sticks without tension before it follows the first that comes: else bounds of none and of too much take turns.
+            let slides = |grown: f64| if tension >= 0.0 { grown } else { 0.0 };
+            let lessened = if lessens_n < before || drag == 0.0 {
                 grown / (1.0 + grown)
             } else {
                 1.0
