@@ -78,6 +78,7 @@ const EXAMPLES: &[(&str, Way)] = &[
     ("sutura run scenes/anastomosis-50.toml", Runs("0.1")),
     ("sutura run scenes/needle-sweeps.toml", Runs("0.5")),
     ("sutura run scenes/two-threads.toml", Runs("0.5")),
+    ("sutura run scenes/thread-over-shaft.toml", Runs("0.5")),
     ("sutura run --view", Feels(FIRST_PRESS)),
     ("sutura run --foxglove", Feels(FIRST_PRESS)),
     ("sutura run --console /dev/ttyACM0", Port),

@@ -178,6 +178,29 @@ fn two_threads_pull_at_one_slab() {
     assert!((0.2..1.0).contains(&peak), "{peak} N");
 }
 
+/// A shaft that lifts a span feels the tension times the turn; without the section the thread goes through it.
+#[test]
+fn a_shaft_lifts_a_thread() {
+    let path = root().join("scenes/thread-over-shaft.toml");
+    let text = std::fs::read_to_string(path).unwrap();
+    let section = "[[body_contact]]\nbetween = [{ thread = 0 }, { tool = 0 }]\n";
+    assert!(text.contains(section));
+    let directory = tempfile::tempdir().unwrap();
+    let scene = directory.path().join("shaft.toml");
+    let peaks = [text.clone(), text.replace(section, "")].map(|text| {
+        std::fs::write(&scene, text).unwrap();
+        let scene = scene.to_str().unwrap();
+        let ran = sutura(&["run", scene, "--lockstep", "--format", "json"]);
+        assert_eq!(ran.code, 0, "{}", ran.stderr);
+        let summary: Value = serde_json::from_str(&ran.stdout).unwrap();
+        assert_eq!(summary["steps_withheld"], serde_json::json!({}));
+        assert_eq!(summary["decays"], 0);
+        number(&summary["force_n"], "peak")
+    });
+    assert!((0.4..0.7).contains(&peaks[0]), "{peaks:?}");
+    assert!(peaks[1] < 0.1 * peaks[0], "{peaks:?}");
+}
+
 /// What hands that tighten draw out of two tubes depends on friction along the thread, and closes them bite by bite.
 #[test]
 fn an_anastomosis_is_drawn_together_bite_by_bite() {

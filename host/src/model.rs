@@ -12,12 +12,10 @@ use crate::fem::{
 use crate::jaws::JawsPart;
 use crate::mesh::{Surface, TetMesh};
 use crate::needle::{NeedleError, NeedlePart, NeedleSettings, NeedleTissue};
-use crate::rod::BarPart;
+use crate::rod::{BarPart, BodyContact, PairPart};
 use crate::source::{Added, Handles, MOST_NODES};
 use crate::step::{self, DEFAULT_CACHE_BYTES, NoRest, Sources, State, Status};
-use crate::thread::{
-    Contact, Obstacle, ThreadBody, ThreadContact, ThreadError, ThreadPart, Threads,
-};
+use crate::thread::{Contact, ThreadContact, ThreadError, ThreadPart, Threads};
 use crate::tool::{MAX_TOOLS, Shape, Tool};
 use nalgebra::Vector3;
 use std::fmt;
@@ -184,6 +182,14 @@ pub enum ModelError {
     Bar {
         /// The tool that is to carry it.
         tool: u8,
+        /// What is wrong.
+        flaw: String,
+    },
+    /// Two bodies that are to press on each other and cannot.
+    #[error("{} and {} are to press on each other, but {flaw}", contact.between[0], contact.between[1])]
+    BodyContact {
+        /// Which, and how.
+        contact: BodyContact,
         /// What is wrong.
         flaw: String,
     },
@@ -611,18 +617,41 @@ impl Model {
             if contacts[..index].contains(contact) {
                 return Err(flaw("that is said twice").into());
             }
-            let mut needles = sources.needles.iter();
-            let with = match contact.with {
-                ThreadBody::Grip(tool) => sources.bar_of(tool).map(Obstacle::Bar),
-                ThreadBody::Needle(id) => needles
-                    .position(|part| part.id == id && part.body)
-                    .map(Obstacle::Needle),
-            };
+            let with = sources.place_of_body(contact.with);
             let with = with.ok_or_else(|| flaw("that has no body"))?;
             let mut threads = sources.threads.parts.iter();
             let thread = threads.position(|part| part.id == contact.thread);
             let thread = thread.ok_or_else(|| flaw("there is no such thread"))?;
             sources.threads.contacts.push(Contact { thread, with });
+        }
+        Ok(self)
+    }
+
+    /// Has bodies of grips and needles, which the model has by now, press on each other.
+    ///
+    /// # Errors
+    /// A body that is not there, two needles, the same body or pair twice; a number out of range.
+    pub fn with_body_contacts(mut self, contacts: &[BodyContact]) -> Result<Self, ModelError> {
+        for (index, contact) in contacts.iter().enumerate() {
+            let flaw = |flaw: String| ModelError::BodyContact {
+                contact: *contact,
+                flaw,
+            };
+            if let Some(wrong) = contact.flaw(&contacts[..index]) {
+                return Err(flaw(wrong));
+            }
+            let places = self.sources.as_ref().and_then(|sources| {
+                let [one, other] = contact.between.map(|body| sources.place_of_body(body));
+                Some([one?, other?])
+            });
+            let between = places.ok_or_else(|| flaw("one of them has no body".to_owned()))?;
+            if let Some(sources) = &mut self.sources {
+                sources.pairs.push(PairPart {
+                    between,
+                    stiffness_n_per_m: contact.stiffness_n_per_m,
+                    friction: contact.friction,
+                });
+            }
         }
         Ok(self)
     }

@@ -153,13 +153,19 @@ pub struct TissueContactSection {
     pub rims: Option<[Spanned<Selection>; 2]>,
 }
 
-/// `[[body_contact]]`: taut spans of a thread lie on a body instead of going through it.
+/// `[[body_contact]]`: taut spans of a thread lie on a body instead of going through it, or two bodies press on each other.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BodyContactSection {
-    /// A thread, and a tool or a needle with a body, (2).
+    /// A thread, and a tool or a needle with a body; or two tools with bodies, or one and a needle, (2).
     #[schemars(with = "[BodyName; 2]")]
     pub between: [Spanned<BodyName>; 2],
+    /// Of two bodies: normal force per overlap \[N/m\]; 1000 when left out, two thirds of what a console renders stably.
+    #[schemars(with = "Option<f64>")]
+    pub stiffness_n_per_m: Option<Spanned<f64>>,
+    /// Of two bodies: Coulomb's coefficient; 0 when left out.
+    #[schemars(with = "Option<f64>")]
+    pub friction: Option<Spanned<f64>>,
 }
 
 /// How a scene names what touches: `{ thread = 0 }`, `{ tool = 1 }`, `{ needle = 0 }`.

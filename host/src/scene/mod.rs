@@ -47,7 +47,7 @@ use crate::mesh::TetMesh;
 use crate::model::{Model, ModelError, Passes};
 use crate::needle::{NeedlePart, NeedleSettings, NeedleTissue};
 use crate::registry::Substance;
-use crate::rod::{Bar, BarPart};
+use crate::rod::{Bar, BarPart, BodyContact};
 use crate::source::Added;
 use crate::step::{State, Workspace};
 use crate::thread::ThreadContact;
@@ -98,6 +98,8 @@ pub struct Scene {
     pub touching: Vec<TissueContact>,
     /// Threads that may lie on bodies of grips and needles.
     pub body_contacts: Vec<ThreadContact>,
+    /// Bodies of grips and needles that press on each other.
+    pub body_pairs: Vec<BodyContact>,
     /// Sources of constraints that it adds by keys of their own.
     pub(crate) added: Vec<Arc<dyn Added>>,
     /// Speed against accuracy of needles.
@@ -352,6 +354,8 @@ impl Scene {
         let model = model.and_then(|model| model.with_bars(mesh, &bars));
         let contacts = &self.body_contacts[..];
         let model = model.and_then(|model| model.with_thread_contacts(contacts));
+        let pairs = &self.body_pairs[..];
+        let model = model.and_then(|model| model.with_body_contacts(pairs));
         let model = model.and_then(|model| model.with_added(mesh, &self.added));
         let model = model.map_err(SceneError::Build)?;
         let (state, workspace) = (State::new(&model), Workspace::new(&model));

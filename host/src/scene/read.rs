@@ -110,7 +110,7 @@ impl Scene {
         ));
         let touching = read_touching(document, &file.tissue_contact, &mesh)?;
         let bodies = (&threads[..], &needles[..], &tools[..]);
-        let body_contacts = read_body_contacts(document, &file.body_contact, bodies)?;
+        let (body_contacts, body_pairs) = read_body_contacts(document, &file.body_contact, bodies)?;
         let needle_tissue = read_needle_tissue(document, &file, &of_cell, &mut warnings)?;
         let added = added.into_iter().enumerate();
         let added = added.map(|(index, (span, section))| {
@@ -146,6 +146,7 @@ impl Scene {
             jaws,
             touching,
             body_contacts,
+            body_pairs,
             added,
             needle_solver: read_needle_solver(document, &file)?,
             loads: Loads {

@@ -535,7 +535,16 @@ fn bodies_that_threads_lie_on_are_named() {
     let named = [ThreadBody::Grip(5), ThreadBody::Needle(3)].map(contact);
     assert_eq!(scene.body_contacts, named);
     scene.build().expect("a model");
-    assert!(read(GOOD).expect("good").body_contacts.is_empty());
+    let good = read(GOOD).expect("good");
+    assert!(good.body_contacts.is_empty() && good.body_pairs.is_empty());
+    let pair = "\n[[body_contact]]\nbetween = [{ tool = 5 }, { needle = 3 }]\nfriction = 0.2\n";
+    let scene = read(&with_bodies(pair)).expect("good");
+    let [pair] = scene.body_pairs[..] else {
+        panic!("one pair");
+    };
+    assert_eq!(pair.between, [ThreadBody::Grip(5), ThreadBody::Needle(3)]);
+    assert_eq!((pair.stiffness_n_per_m, pair.friction), (1000.0, 0.2));
+    scene.build().expect("a model");
 }
 
 #[test]
@@ -571,10 +580,31 @@ fn slips_at_bodies_are_told_at_their_place() {
         ),
         slip(
             "[{ thread = 0 }, { tool = 5 }]",
-            "[{ needle = 3 }, { tool = 5 }]",
-            "no thread: bodies of grips and needles do not press on each other",
-            "{ tool = 5 }",
-            "name a thread and a body",
+            "[{ tool = 5 }, { tool = 5 }]",
+            "a body does not press on itself",
+            "{ tool = 5 }]",
+            "name two",
+        ),
+        slip(
+            "[{ thread = 0 }, { tool = 5 }]",
+            "[{ needle = 3 }, { needle = 3 }]",
+            "a body does not press on itself",
+            "{ needle = 3 }]",
+            "name two",
+        ),
+        slip(
+            "{ tool = 5 }]",
+            "{ tool = 5 }]\nfriction = 0.1",
+            "a thread slides on a body: `friction` has no use here",
+            "0.1",
+            "name two bodies",
+        ),
+        slip(
+            "[{ thread = 0 }, { tool = 5 }]",
+            "[{ needle = 3 }, { tool = 5 }]\nstiffness_n_per_m = 1e6",
+            "`stiffness_n_per_m` is 1000000; it must be from 1 to 10000",
+            "1e6",
+            "leave `stiffness_n_per_m` out",
         ),
         slip(
             "[{ thread = 0 }",

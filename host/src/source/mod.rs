@@ -17,7 +17,7 @@ pub(crate) use added::{Added, Kept, Section, scene_keys};
 use crate::collide::TissueContactSource;
 use crate::jaws::JawsSource;
 use crate::needle::{FreeNeedleSource, NeedleSource};
-use crate::rod::BarSource;
+use crate::rod::{BarSource, PairSource};
 use crate::step::{Balance, Felt, Sources, Status};
 use crate::thread::ThreadSource;
 use crate::tool::ToolSample;
@@ -120,4 +120,4 @@ pub(crate) const ON_POINTS: [&dyn Source; 6] = [
 ];
 
 /// Sources whose rows are on ways, or that have none.
-pub(crate) const ON_WAYS: [&dyn Source; 2] = [&ThreadSource, &FreeNeedleSource];
+pub(crate) const ON_WAYS: [&dyn Source; 3] = [&ThreadSource, &FreeNeedleSource, &PairSource];

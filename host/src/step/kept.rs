@@ -10,7 +10,7 @@ use crate::body::{Motion, Place};
 use crate::collide::TouchState;
 use crate::jaws::JawsState;
 use crate::needle::NeedleState;
-use crate::rod::BarState;
+use crate::rod::{BarState, PairState};
 use crate::source::Kept as Memory;
 use crate::source::tool::ToolContacts;
 use crate::thread::ThreadState;
@@ -25,6 +25,7 @@ pub(super) struct Kept {
     tools: ToolContacts,
     jaws: Vec<JawsState>,
     bars: Vec<BarState>,
+    pairs: Vec<PairState>,
     memory: Vec<Memory>,
 }
 
@@ -40,6 +41,7 @@ impl Kept {
             tools: ToolContacts::new(&sources.tools),
             jaws: state.jaws.clone(),
             bars: state.bars.clone(),
+            pairs: state.pairs.clone(),
             memory: state.memory.clone(),
         }
     }
@@ -63,6 +65,7 @@ impl Kept {
         for (kept, each) in self.bars.iter_mut().zip(&state.bars) {
             kept.copy_from(each);
         }
+        self.pairs.copy_from_slice(&state.pairs);
         self.memory.copy_from_slice(&state.memory);
     }
 
@@ -91,6 +94,7 @@ impl Kept {
         for (each, kept) in state.bars.iter_mut().zip(&self.bars) {
             each.copy_from(kept);
         }
+        state.pairs.copy_from_slice(&self.pairs);
         state.memory.copy_from_slice(&self.memory);
     }
 

@@ -23,6 +23,10 @@ pub(crate) struct Felt {
     /// How far it is from touching \[m\], and the normal there.
     pub gap_m: f64,
     pub normal: Vector3<f64>,
+    /// What the wrench follows the pose by without tissue, (6 x 6).
+    pub tangent: Option<Matrix6<f64>>,
+    /// Of what it may come to press on: how far that is \[m\], the normal there, and the tangent just after touching.
+    pub coming: Option<(f64, Vector3<f64>, Matrix6<f64>)>,
 }
 
 impl Felt {
@@ -36,7 +40,22 @@ impl Felt {
             rows: 0,
             gap_m: f64::MAX,
             normal: Vector3::z(),
+            tangent: None,
+            coming: None,
         }
+    }
+
+    /// d wrench / d pose by tissue, and by other bodies: what these add, or, for a tool that feels nothing, will.
+    fn with_bodies(&mut self, derivative: Matrix6<f64>) -> Matrix6<f64> {
+        if let Some(own) = self.tangent {
+            return derivative + own;
+        }
+        let feels_nothing = self.rows == 0 && self.wrench == Vector6::zeros();
+        let Some((gap_m, normal, coming)) = self.coming.filter(|_| feels_nothing) else {
+            return derivative;
+        };
+        (self.gap_m, self.normal) = (gap_m, normal);
+        coming
     }
 
     /// With d wrench / d pose, (6 x 6).
@@ -67,7 +86,7 @@ pub(super) fn reduce(
         for source in balance.sources.each() {
             source.feel(balance, &mut felt);
         }
-        let derivative = tool_tangent(balance, tangent, &felt);
+        let derivative = felt.with_bodies(tool_tangent(balance, tangent, &felt));
         balance.report.contacts_mut(samples.len())[place] = felt.contact(&derivative);
     }
     for source in balance.sources.each() {
@@ -84,6 +103,9 @@ pub(super) fn reduce(
     balance.report.stored_energy_j = potential_j.map_or(stored, |potential_j| {
         potential_j - model.resting_potential_j
     });
+    if !balance.sources.pairs.is_empty() {
+        balance.report.stored_energy_j += balance.stored_in_pairs_j();
+    }
 }
 
 /// d wrench / d pose of a tool, (6 x 6).

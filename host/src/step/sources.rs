@@ -18,10 +18,10 @@ use crate::needle::{
     Geometry, Hierarchy, History, MAX_NEEDLES, NeedleError, NeedlePart, NeedleSettings,
     NeedleState, NeedleTissue, Slack, check, contains, entry,
 };
-use crate::rod::{BarPart, BarState};
+use crate::rod::{BarPart, BarState, PairPart, PairState};
 use crate::source::tool::{Cones, ToolContacts, TouchingTools};
 use crate::source::{Added, Handles, Kept as Memory, ON_POINTS, ON_WAYS, Room, Source};
-use crate::thread::{Obstacle, ThreadState, Threads};
+use crate::thread::{Obstacle, ThreadBody, ThreadState, Threads};
 use crate::tool::{MAX_TOOLS, Tool, ToolSample};
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -50,6 +50,8 @@ pub(crate) struct Sources {
     pub jaws: Vec<JawsPart>,
     /// Bodies of grips.
     pub bars: Vec<BarPart>,
+    /// Bodies that press on each other.
+    pub pairs: Vec<PairPart>,
     /// What the scene adds by keys of their own.
     pub added: Vec<Arc<dyn Added>>,
     /// What evolves, before the first step, where tissues touch already.
@@ -131,6 +133,7 @@ impl Sources {
             handles: Handles::default(),
             jaws: Vec::new(),
             bars: Vec::new(),
+            pairs: Vec::new(),
             added: Vec::new(),
             rest: None,
             resting_m: resting_m.iter().map(|at| Vector3::from(*at)).collect(),
@@ -218,6 +221,18 @@ impl Sources {
         self.bars.iter().position(|part| part.tool == tool)
     }
 
+    /// Place of a body of a grip or a needle.
+    pub fn place_of_body(&self, body: ThreadBody) -> Option<Obstacle> {
+        match body {
+            ThreadBody::Grip(tool) => self.bar_of(tool).map(Obstacle::Bar),
+            ThreadBody::Needle(id) => {
+                let mut needles = self.needles.iter();
+                let place = needles.position(|part| part.id == id && part.body);
+                place.map(Obstacle::Needle)
+            }
+        }
+    }
+
     /// Place of a tool's jaws.
     pub fn jaws_of(&self, tool: u8) -> Option<usize> {
         self.jaws.iter().position(|part| part.tool == tool)
@@ -301,6 +316,8 @@ pub(crate) struct SourcesState {
     pub jaws: Vec<JawsState>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub bars: Vec<BarState>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub pairs: Vec<PairState>,
     /// When the last balance was sampled, by the console's clock.
     pub time_us: u64,
     /// What added sources keep.
@@ -356,6 +373,7 @@ impl SourcesState {
                 .iter()
                 .map(|part| BarState::new(part.tool))
                 .collect(),
+            pairs: sources.pairs.iter().map(PairState::new).collect(),
             time_us: 0,
             memory: sources.begin_added(),
         }
@@ -377,14 +395,16 @@ impl SourcesState {
         for (own, other) in self.bars.iter_mut().zip(&other.bars) {
             own.copy_from(other);
         }
+        self.pairs.copy_from_slice(&other.pairs);
         self.time_us = other.time_us;
         self.memory.copy_from_slice(&other.memory);
     }
 
-    /// Whether a thread passes a body near enough that it may come to lie on it.
+    /// Whether a thread passes a body near enough that it may come to lie on it, or another body that it may press on is near.
     pub fn passes(&self, with: Obstacle) -> bool {
         let mut laps = self.threads.iter().flat_map(|thread| &thread.laps);
-        laps.any(|lap| lap.with == with)
+        let mut pairs = self.pairs.iter();
+        laps.any(|lap| lap.with == with) || pairs.any(|pair| pair.is_near && pair.has(with))
     }
 
     /// Finds how fast needles slide on their way to `targets`.

@@ -10,6 +10,7 @@ use crate::hash::hash_of;
 use crate::jaws::Grasped;
 use crate::model::Model;
 use crate::needle::{self, Grip};
+use crate::rod::PairState;
 use crate::thread::{
     Bridge, Obstacle, ThreadEnd, ThreadHold, ThreadPlace, ThreadPoint, Tightening, nearest_outside,
 };
@@ -94,12 +95,24 @@ impl State {
             put += usize::from(is_put);
             let threads = sources.threads.iter_mut().filter(|_| is_put);
             threads.for_each(|thread| thread.forget_laps(Obstacle::Needle(needle)));
+            let own = |pair: &&mut PairState| is_put && pair.has(Obstacle::Needle(needle));
+            sources
+                .pairs
+                .iter_mut()
+                .filter(own)
+                .for_each(PairState::forget);
         }
         let bar = sources.bars.iter().position(|bar| bar.tool == sample.id);
         if let Some(bar) = bar {
             sources.bars[bar].put(pose);
             let threads = sources.threads.iter_mut();
             threads.for_each(|thread| thread.forget_laps(Obstacle::Bar(bar)));
+            let own = |pair: &&mut PairState| pair.has(Obstacle::Bar(bar));
+            sources
+                .pairs
+                .iter_mut()
+                .filter(own)
+                .for_each(PairState::forget);
         }
         put
     }

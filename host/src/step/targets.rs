@@ -149,7 +149,7 @@ impl Targets {
     }
 }
 
-/// Which share of its way a needle may go at once, which `passes` a thread that may lie on it or not.
+/// Which share of its way a needle may go at once, which `passes` a thread that may lie on it, or a body, or not.
 fn needle_share(
     piece_m: f64,
     (each, passes): (&NeedleState, bool),

@@ -149,7 +149,7 @@ impl ThreadState {
 
 impl Balance<'_> {
     /// A body where it is; nothing for one that has not been anywhere, and for a needle that nobody holds.
-    fn obstacle(&self, with: Obstacle) -> Option<Rod> {
+    pub(crate) fn obstacle(&self, with: Obstacle) -> Option<Rod> {
         match with {
             Obstacle::Bar(bar) => self.bar_rod(bar),
             Obstacle::Needle(needle) => {
@@ -160,7 +160,7 @@ impl Balance<'_> {
     }
 
     /// The tool that carries a body.
-    pub(super) fn carrier(&self, with: Obstacle) -> Option<u8> {
+    pub(crate) fn carrier(&self, with: Obstacle) -> Option<u8> {
         match with {
             Obstacle::Bar(bar) => Some(self.sources.bars[bar].tool),
             Obstacle::Needle(needle) => self.state.each[needle].grip.map(|grip| grip.tool),

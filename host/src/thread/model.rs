@@ -6,6 +6,7 @@ use super::lap::Contact;
 use super::segments::Ground;
 use crate::mesh::HalfFaces;
 use serde::Serialize;
+use std::fmt;
 use thiserror::Error;
 
 /// A thread of a model, fastened to the end of a needle.
@@ -85,13 +86,22 @@ impl ThreadPart {
     }
 }
 
-/// A body that a thread may lie on.
+/// A body that a thread may lie on, or another body press on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ThreadBody {
     /// The bar of a grip, by the id of the tool.
     Grip(u8),
     /// The shaft of a needle that has a body, by the id of the needle.
     Needle(u8),
+}
+
+impl fmt::Display for ThreadBody {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Grip(tool) => write!(f, "the body of tool {tool}"),
+            Self::Needle(needle) => write!(f, "the body of needle {needle}"),
+        }
+    }
 }
 
 /// A thread and a body that it may lie on.
@@ -329,7 +339,7 @@ pub enum ThreadError {
     #[error("the threads come in {0} strands; at most {MAX_STRANDS} are possible")]
     TooManyStrands(usize),
     /// A thread, or a body for it to lie on, that is not there.
-    #[error("thread {} is to lie on {}, but {flaw}", contact.thread, of_body(contact.with))]
+    #[error("thread {} is to lie on {}, but {flaw}", contact.thread, contact.with)]
     Contact {
         /// Which of both.
         contact: ThreadContact,
@@ -348,13 +358,6 @@ pub enum ThreadError {
         /// What is allowed.
         rule: &'static str,
     },
-}
-
-fn of_body(body: ThreadBody) -> String {
-    match body {
-        ThreadBody::Grip(tool) => format!("the body of tool {tool}"),
-        ThreadBody::Needle(needle) => format!("the body of needle {needle}"),
-    }
 }
 
 /// Threads of a model, and the tissue that they go through.

@@ -10,6 +10,7 @@ mod extremes;
 mod force;
 mod grips;
 mod handles;
+mod pairs;
 mod playback;
 mod slips;
 mod tangent;

@@ -63,13 +63,20 @@ struct Pulled {
 impl Sewn {
     /// A scene of this repository up to its pull, by its scripts.
     fn new(name: &str) -> Self {
-        Self::in_strands(name, 1)
+        Self::read(name, 1, "linear")
     }
 
     /// The same with room for cuts.
     fn in_strands(name: &str, strands: u8) -> Self {
+        Self::read(name, strands, "linear")
+    }
+
+    /// The same on another tissue.
+    fn read(name: &str, strands: u8, tissue: &str) -> Self {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes");
         let text = std::fs::read_to_string(root.join(name)).expect("a scene");
+        let model = format!("model = \"{tissue}\"");
+        let text = text.replacen("model = \"linear\"", &model, 1);
         let mut scene = Scene::read(&Document::embedded(name, &root, &text), name).expect("good");
         scene.threads[0].part.through.strands = strands;
         let mut solver = SceneSolver::new(&scene).expect("a solver");
@@ -298,6 +305,29 @@ fn fifty_punctures_are_closed_as_the_least_energy_has_it() {
     let sewn = Sewn::new("anastomosis-50.toml");
     for order in [TOGETHER, TAIL_FIRST, HEAD_FIRST, IN_TURNS, IN_FEW_STEPS] {
         sewn.compare(order, 1.0);
+    }
+}
+
+/// What Younes (2021, figures 4.6 and 4.7) found of 20 and 50 punctures, which linear and corotational tissue have alike: contact and suture close the
+/// gap between two tubes, and more punctures spread the stress that this takes and leave less of the gap.
+#[test]
+fn more_punctures_close_more_and_spread_the_stress() {
+    let tissues = ["linear", "corotational"];
+    for tissue in &tissues[..if full() { 2 } else { 1 }] {
+        let found = ["anastomosis-20.toml", "anastomosis-50.toml"].map(|name| {
+            let sewn = Sewn::read(name, 1, tissue);
+            let pulled = sewn.pulled(TOGETHER, 1.0);
+            let (model, _, _) = sewn.solver.parts().expect("rows");
+            let wound = Wound::new(&sewn.scene, model).expect("a wound");
+            let report = wound.report(model, &pulled.state, &pulled.report);
+            let found = [report.gap_ratio, report.stress_peak_pa].map(|value| value.expect("told"));
+            println!("{tissue} {name}: {found:?} {:?}", report.bridge_ratio);
+            assert!(found[0] < 0.3 && report.penetration_ratio < Some(1e-3));
+            found
+        });
+        let [twenty, fifty] = found;
+        assert!(fifty[0] < 0.8 * twenty[0], "{tissue}: {found:?}");
+        assert!(fifty[1] < 0.8 * twenty[1], "{tissue}: {found:?}");
     }
 }
 

@@ -4,7 +4,7 @@ use super::Component;
 use std::time::Duration;
 use sutura_host::scene::Scene;
 use sutura_host::step::StepReport;
-use sutura_host::thread::{ThreadBody, ThreadPart};
+use sutura_host::thread::ThreadPart;
 
 /// A component for each thread, or one that says that there is none.
 pub(super) fn threads(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
@@ -76,15 +76,11 @@ pub(super) fn touching(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Co
 
 /// A component for each thread and body that it may lie on, or one that says that there is none.
 pub(super) fn body_contacts(scene: &Scene, walk: &[(StepReport, Duration)]) -> Vec<Component> {
-    if scene.body_contacts.is_empty() {
-        let why = "no `[[body_contact]]`: threads go through bodies of grips and needles";
+    if scene.body_contacts.is_empty() && scene.body_pairs.is_empty() {
+        let why = "no `[[body_contact]]`: threads, grips and needles go through each other";
         return vec![Component::absent("threads on bodies", why)];
     }
     let each = scene.body_contacts.iter().map(|contact| {
-        let body = match contact.with {
-            ThreadBody::Grip(tool) => format!("tool {tool}"),
-            ThreadBody::Needle(needle) => format!("needle {needle}"),
-        };
         let own = walk.iter().flat_map(|(step, _)| step.threads());
         let own = own.filter(|report| report.id == contact.thread);
         let why = "`[[body_contact]]`: three rows across the two straight pieces beside it";
@@ -94,7 +90,18 @@ pub(super) fn body_contacts(scene: &Scene, walk: &[(StepReport, Duration)]) -> V
             }
             None => why.to_owned(),
         };
-        Component::built(format!("thread {} on {body}", contact.thread), why)
+        Component::built(
+            format!("thread {} on {}", contact.thread, contact.with),
+            why,
+        )
     });
-    each.collect()
+    let pairs = scene.body_pairs.iter().map(|pair| {
+        let [one, other] = pair.between;
+        let (stiff, friction) = (pair.stiffness_n_per_m, pair.friction);
+        let why = format!(
+            "`[[body_contact]]`: {stiff} N/m, friction {friction}; hands have both, no rows"
+        );
+        Component::built(format!("{one} on {other}"), why)
+    });
+    each.chain(pairs).collect()
 }
