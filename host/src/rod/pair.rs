@@ -164,6 +164,7 @@ impl Balance<'_> {
     fn follow_pair(&mut self, pair: usize) {
         let before = self.state.pairs[pair];
         let mut next = PairState {
+            is_near: false,
             sticks: None,
             stuck: before.sticks,
             ..before

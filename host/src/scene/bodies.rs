@@ -15,6 +15,9 @@ use toml::Spanned;
 /// so that tissue under one of the two has room beside it.
 const STIFFNESS_N_PER_M: f64 = 1000.0;
 
+/// What a scene has of threads, needles and tools.
+type Parts<'a> = (&'a [Thread], &'a [Needle], &'a [Tool]);
+
 /// What is named: threads on bodies, and bodies that press on each other, both in the order of the sections.
 ///
 /// # Errors
@@ -23,7 +26,7 @@ const STIFFNESS_N_PER_M: f64 = 1000.0;
 pub(super) fn read_body_contacts(
     document: &Document,
     sections: &[Spanned<BodyContactSection>],
-    bodies: (&[Thread], &[Needle], &[Tool]),
+    bodies: Parts,
 ) -> Result<(Vec<ThreadContact>, Vec<BodyContact>), SceneError> {
     let (mut laps, mut pairs) = (Vec::new(), Vec::new());
     for section in sections {
@@ -53,7 +56,7 @@ fn read_lap(
     document: &Document,
     section: &Spanned<BodyContactSection>,
     (place, thread): (&Spanned<BodyName>, u8),
-    (body, (threads, needles, tools)): (&Spanned<BodyName>, (&[Thread], &[Needle], &[Tool])),
+    (body, (threads, needles, tools)): (&Spanned<BodyName>, Parts),
     known: &[ThreadContact],
 ) -> Result<ThreadContact, SceneError> {
     if threads.iter().all(|other| other.part.id != thread) {
