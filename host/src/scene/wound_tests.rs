@@ -582,14 +582,14 @@ fn slips_at_bodies_are_told_at_their_place() {
             "[{ thread = 0 }, { tool = 5 }]",
             "[{ tool = 5 }, { tool = 5 }]",
             "a body does not press on itself",
-            "{ tool = 5 }]",
+            "{ tool = 5 }",
             "name two",
         ),
         slip(
             "[{ thread = 0 }, { tool = 5 }]",
             "[{ needle = 3 }, { needle = 3 }]",
             "a body does not press on itself",
-            "{ needle = 3 }]",
+            "{ needle = 3 }",
             "name two",
         ),
         slip(
