@@ -181,9 +181,10 @@ impl Press {
         self.near.depth_m().max(0.0)
     }
 
-    /// Normal force on the first one \[N\].
+    /// Normal force on the first one \[N\]; none where both curves go through one place, which has no normal.
     fn normal_n(&self) -> Vector3<f64> {
-        self.near.way() * (self.stiffness_n_per_m * self.depth_m() / self.near.far_m)
+        let far_m = self.near.far_m.max(f64::MIN_POSITIVE);
+        self.near.way() * (self.stiffness_n_per_m * self.depth_m() / far_m)
     }
 
     /// How far the touch is stretched across the normal, of the first one from the second \[m\], and whether that is as far as friction lets
