@@ -27,6 +27,8 @@ pub struct Script {
     samples: Vec<ToolSample>,
     /// Of each sample's tool.
     ways: Vec<Option<Way>>,
+    /// Where somebody has put each, in place of its way.
+    placed: Vec<Option<Pose>>,
     /// From how far it takes what it is to hold \[m\].
     reaches_m: Vec<f64>,
     is_driven: bool,
@@ -83,8 +85,10 @@ impl Script {
                 ..pose
             }
         });
+        let samples: Vec<_> = samples.collect();
         let mut script = Script {
-            samples: samples.collect(),
+            placed: vec![None; samples.len()],
+            samples,
             ways: ways.collect(),
             is_driven: driven.is_some(),
             reaches_m: reaches.collect(),
@@ -169,6 +173,14 @@ impl Script {
         }
     }
 
+    /// From the next step on a tool that the console does not carry is there, whatever its script says; whether there is such a tool.
+    pub fn place(&mut self, tool: u8, pose: &Pose) -> bool {
+        let driven = self.driven();
+        let mut places = self.samples.iter().zip(&mut self.placed);
+        let found = places.find(|(sample, _)| sample.id == tool && driven != Some(tool));
+        found.map(|(_, placed)| *placed = Some(*pose)).is_some()
+    }
+
     /// [`Self::step_to`] with the driven tool on the hand's path, or held where the scene says without a hand.
     pub fn follow(&mut self, time_s: f64, model: &Model, state: &mut State) -> &[ToolSample] {
         self.step_to(time_s, self.in_hand(time_s), Some((model, state)))
@@ -196,7 +208,16 @@ impl Script {
         if let Some(driven) = self.samples.first_mut().filter(|_| self.is_driven) {
             *driven = console;
         }
-        for (index, (sample, way)) in self.samples.iter_mut().zip(&self.ways).enumerate() {
+        let ways = self.ways.iter().zip(&self.placed);
+        for (index, (sample, (way, placed))) in self.samples.iter_mut().zip(ways).enumerate() {
+            if let Some(pose) = placed {
+                let console_time_us = sample.console_time_us;
+                *sample = ToolSample {
+                    console_time_us,
+                    ..at_rest(sample.id, pose)
+                };
+                continue;
+            }
             let Some(on_way) = way.as_ref().map(|way| way.at(time_s)) else {
                 continue;
             };

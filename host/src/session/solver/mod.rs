@@ -372,6 +372,11 @@ impl SceneSolver {
         tissue.is_some_and(|tissue| tissue.state.act(&tissue.model, act))
     }
 
+    /// Where a tool that the grip does not carry is from the next step on, whatever its script says; whether there is such a tool.
+    pub fn place(&mut self, tool: u8, pose: &Pose) -> bool {
+        self.past.script.place(tool, pose)
+    }
+
     /// Boundaries that needles have broken through so far.
     pub fn punctures(&self) -> u32 {
         self.past.peaks.punctures()

@@ -1,0 +1,58 @@
+//! The package's exceptions. Texts about a scene are those of the command `sutura`, with its lines and its help.
+
+use miette::{Diagnostic, GraphicalReportHandler, GraphicalTheme};
+use pyo3::exceptions::PyException;
+use pyo3::prelude::*;
+use sutura_host::session;
+
+pyo3::create_exception!(
+    sutura,
+    Error,
+    PyException,
+    "What this package raises besides ValueError and TypeError."
+);
+pyo3::create_exception!(
+    sutura,
+    SceneError,
+    Error,
+    "A scene that cannot be used: what is wrong, where, and what to do."
+);
+pyo3::create_exception!(
+    sutura,
+    SolveError,
+    Error,
+    "Work on a good scene that could not be finished."
+);
+pyo3::create_exception!(
+    sutura,
+    BusyError,
+    Error,
+    "A solver or a console that another thread is using."
+);
+
+/// A diagnostic as the command shows it off a terminal: no colours, no wrapping.
+pub fn text(diagnostic: &dyn Diagnostic) -> String {
+    let plain = GraphicalReportHandler::new_themed(GraphicalTheme::unicode_nocolor());
+    // Messages say what they come from themselves: a chain of causes would say it twice.
+    let plain = plain.with_wrap_lines(false).without_cause_chain();
+    let mut text = String::new();
+    match plain.render_report(&mut text, diagnostic) {
+        Ok(()) => text.trim_end().to_owned(),
+        Err(_) => diagnostic.to_string(),
+    }
+}
+
+/// A scene that was refused.
+pub fn of_scene(error: &sutura_host::scene::SceneError) -> PyErr {
+    SceneError::new_err(text(error))
+}
+
+/// A scene without a solver, or without a balance where its tools are held.
+pub fn of_solve(error: &session::SolveError) -> PyErr {
+    match error {
+        session::SolveError::NoRest(_) | session::SolveError::NoWay { .. } => {
+            SolveError::new_err(text(error))
+        }
+        _ => SceneError::new_err(text(error)),
+    }
+}

@@ -1,0 +1,150 @@
+"""Steps: what is felt is physics, arrays are one's own, and two threads do not share a solver."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import sutura
+
+PRESSED = [0.0, 0.0, 0.009]
+
+
+def test_force_is_up_and_the_tangent_is_its_derivative(solver):
+    step = solver.step(PRESSED, most_steps=100)
+    assert step.status == "ok" and step.rows > 0
+    here_n, tangent = step.wrench()[:3], step.tangent()[:3, :3]
+    assert here_n[2] > 0.1 and tangent[2, 2] < 0.0
+    for axis in range(3):
+        way_m = np.zeros(3)
+        way_m[axis] = 1e-7
+        ends = [solver.step(PRESSED + sign * way_m, most_steps=100).wrench()[:3] for sign in (1.0, -1.0)]
+        slope = (ends[0] - ends[1]) / 2e-7
+        assert slope == pytest.approx(tangent[:, axis], abs=1e-3 * abs(tangent[2, 2]))
+
+
+def test_work_of_the_hand_is_the_energy_in_the_tissue(solver):
+    heights_m = np.linspace(0.014, 0.009, 51)
+    steps = [solver.step([0.0, 0.0, height_m], most_steps=100) for height_m in heights_m]
+    force_n = np.array([step.wrench()[2] for step in steps])
+    work_j = -np.sum(0.5 * (force_n[1:] + force_n[:-1]) * np.diff(heights_m))
+    assert work_j == pytest.approx(steps[-1].stored_energy_j, rel=1e-2)
+
+
+def test_where_the_ball_is_the_tissue_is_not(solver):
+    solver.step(PRESSED, most_steps=100)
+    positions_m = solver.positions_m()
+    assert np.linalg.norm(positions_m - PRESSED, axis=1).min() > 0.014 - 1e-6
+    displacement_m = solver.displacement_m()
+    assert displacement_m[:, 2].min() == pytest.approx(-0.005, rel=0.05)
+    stress_pa = solver.stress_pa()
+    # Descending, and pressed together below the ball.
+    assert (np.diff(stress_pa, axis=1) <= 0.0).all() and stress_pa.min() < -500.0
+
+
+def test_results_are_fresh_or_in_out(solver):
+    step = solver.step(PRESSED, most_steps=100)
+    fresh = step.wrench()
+    fresh[:] = 7.0
+    assert (step.wrench() != 7.0).all()
+    rows = np.zeros((3, 6))
+    assert step.wrench(out=rows[1]).base is rows
+    assert (rows[1] == step.wrench()).all() and not rows[[0, 2]].any()
+    positions_m = np.empty_like(solver.positions_m())
+    before = solver.positions_m(out=positions_m).copy()
+    solver.step([0.0, 0.0, 0.02])
+    assert (positions_m == before).all()
+
+
+@pytest.mark.parametrize(
+    ("out", "said"),
+    [
+        (np.zeros(5), r"out has the shape \(5,\): give .* float64 with the shape \(6,\)"),
+        (np.zeros(6, np.float32), "out is of float32: give"),
+        (np.zeros(12)[::2], "out is not contiguous: give"),
+        ([0.0] * 6, "list"),
+    ],
+)
+def test_a_wrong_out_is_named(solver, out, said):
+    with pytest.raises((TypeError, ValueError), match=said):
+        solver.step(PRESSED, most_steps=100).wrench(out=out)
+
+
+def test_a_read_only_out_is_left_alone(solver):
+    out = np.zeros(6)
+    out.setflags(write=False)
+    with pytest.raises(ValueError, match="cannot be written"):
+        solver.step(PRESSED, most_steps=100).wrench(out=out)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named", "said"),
+    [
+        (([0.0, 0.0],), {}, "position_m has 2 numbers: give 3"),
+        (([0.0, 0.0, np.nan],), {}, r"position_m\[2\] is NaN: give finite"),
+        (("above",), {}, "position_m"),
+        ((PRESSED, [0.0, 0.0, 0.0, 2.0]), {}, "orientation has the length 2: give a unit quaternion"),
+        ((PRESSED,), {"time_s": -1.0}, "time_s is -1: give a time from"),
+        ((PRESSED,), {"most_steps": 0}, "most_steps is 0"),
+        ((PRESSED,), {"tools": {9: (PRESSED, [0, 0, 0, 1])}}, r"tools\[9\]"),
+    ],
+)
+def test_a_wrong_argument_is_named_and_nothing_moves(solver, arguments, named, said):
+    solver.step([0.0, 0.0, 0.01], most_steps=100)
+    before = solver.hash()
+    with pytest.raises((ValueError, TypeError, KeyError), match=said):
+        solver.step(*arguments, **named)
+    assert solver.hash() == before
+
+
+def test_another_tool_goes_where_it_is_put(slab):
+    slab["tool"] = [{"id": 0, "radius_m": 0.01}, {"id": 1, "radius_m": 0.01, "position_m": [0.02, 0.0, 0.03]}]
+    solver = sutura.Solver(sutura.scene(slab))
+    away = [0.0, 0.0, 0.05]
+    assert not solver.step(away, most_steps=100).wrench(1).any()
+    upright = [0.0, 0.0, 0.0, 1.0]
+    step = solver.step(away, tools={1: ([0.015, 0.0, 0.007], upright)}, most_steps=100)
+    assert step.wrench(1)[2] > 0.05 and not step.wrench(0).any()
+    # And stays there.
+    assert solver.step(away, most_steps=100).wrench(1)[2] > 0.05
+    with pytest.raises(KeyError, match="no contact of tool 5"):
+        step.wrench(5)
+
+
+def test_a_moment_is_gone_back_to_to_the_bit(solver):
+    solver.step([0.0, 0.0, 0.011], most_steps=100)
+    moment = solver.moment()
+    first = solver.step(PRESSED, most_steps=100).wrench().tobytes(), solver.hash()
+    solver.step([0.01, 0.0, 0.02], most_steps=100)
+    solver.go_on_from(moment)
+    assert (solver.step(PRESSED, most_steps=100).wrench().tobytes(), solver.hash()) == first
+
+
+def test_a_solver_in_a_step_refuses_another_thread_and_lets_python_run(slab):
+    slab["mesh"]["slab"]["divisions"] = [10, 10, 4]
+    slab["tissue"]["model"] = "corotational"
+    solver = sutura.Solver(sutura.scene(slab))
+    ended, refused = threading.Event(), []
+
+    def steps():
+        for turn in range(2000):
+            if refused:
+                break
+            try:
+                solver.step([0.0, 0.0, 0.009 + 1e-3 * (turn % 2)], most_steps=100)
+            except sutura.BusyError:
+                pass
+        ended.set()
+
+    thread = threading.Thread(target=steps)
+    thread.start()
+    # This thread goes on only if a step leaves Python's lock, and then meets one under way.
+    while not ended.is_set() and not refused:
+        try:
+            solver.hash()
+        except sutura.BusyError as error:
+            refused.append(str(error))
+        time.sleep(0)
+    thread.join()
+    assert refused and "in use by another thread: give each thread a solver" in refused[0]
