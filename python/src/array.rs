@@ -61,7 +61,7 @@ pub fn give<'py, T: Element + Copy>(
     let array = out.cast::<PyArrayDyn<T>>().map_err(|_| {
         let kind = out
             .getattr("dtype")
-            .map_or_else(|_| out.get_type().into_any(), |dtype| dtype);
+            .unwrap_or_else(|_| out.get_type().into_any());
         PyTypeError::new_err(format!("out is of {kind}: {}", wanted()))
     })?;
     if array.shape() != shape {

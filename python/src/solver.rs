@@ -22,6 +22,9 @@ const UNIT_TOLERANCE: f64 = 1e-3;
 /// Upright.
 const UPRIGHT: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
 
+/// Position and orientation as Python gives them.
+type GivenPose<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>);
+
 /// A scene's solver: it follows poses of tools and says what they feel.
 #[pyclass(frozen, module = "sutura")]
 pub struct Solver {
@@ -122,7 +125,7 @@ impl Solver {
         orientation: Option<&Bound<'_, PyAny>>,
         time_s: Option<f64>,
         velocity_m_per_s: Option<&Bound<'_, PyAny>>,
-        tools: Option<BTreeMap<u8, (Bound<'_, PyAny>, Bound<'_, PyAny>)>>,
+        tools: Option<BTreeMap<u8, GivenPose<'_>>>,
         most_steps: u32,
     ) -> PyResult<Step> {
         let pose = pose(position_m, orientation)?;
