@@ -7,6 +7,7 @@ mod array;
 mod error;
 mod report;
 mod scene;
+mod session;
 mod solver;
 
 use pyo3::prelude::*;
@@ -20,6 +21,8 @@ mod _sutura {
     use crate::report::{Contact, Jaws, Needle, Step, Thread};
     #[pymodule_export]
     use crate::scene::Scene;
+    #[pymodule_export]
+    use crate::session::{replay_session, run_session};
     #[pymodule_export]
     use crate::solver::{Moment, Solver};
 

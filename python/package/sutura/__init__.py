@@ -30,6 +30,7 @@ from ._sutura import (
     Thread,
     __version__,
 )
+from ._sessions import replay, run
 from ._toml import to_toml
 
 __all__ = [
@@ -47,6 +48,8 @@ __all__ = [
     "Thread",
     "__version__",
     "load",
+    "replay",
+    "run",
     "scene",
     "to_toml",
 ]

@@ -32,6 +32,16 @@ class SceneError(Error): ...
 class SolveError(Error): ...
 class BusyError(Error): ...
 
+def run_session(
+    scene: Scene,
+    seconds: float | None,
+    host_hz: float | None,
+    rendering: str | None,
+    record: str | None,
+    build: str,
+) -> str: ...
+def replay_session(path: str, build: str) -> str: ...
+
 @final
 class Scene:
     @staticmethod

@@ -1,0 +1,48 @@
+"""Sessions on a virtual console, and recordings run again."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from . import _sutura
+
+
+@functools.cache
+def _build() -> str:
+    """Which build this is, for replays: only the same one must come to the same bits."""
+    return hashlib.sha256(Path(str(_sutura.__file__)).read_bytes()).hexdigest()[:16]
+
+
+def run(
+    scene: _sutura.Scene,
+    *,
+    seconds: float | None = None,
+    host_hz: float | None = None,
+    rendering: str | None = None,
+    record: str | os.PathLike[str] | None = None,
+) -> dict[str, Any]:
+    """Runs a scene's session with the virtual console in this process, a tick at a time: two runs give the same bits.
+
+    What is left out is the scene's: its length [s], the solver's steps a second, and what the console renders from
+    ("hold", "tangent" or "rows"). `record` is the file of a recording, for `replay` and for the command. Returns the
+    session's summary, with the keys of `sutura run --lockstep --format json`; `status` says whether it was felt as it
+    should be. Ctrl-C ends it.
+    """
+    path = None if record is None else os.fspath(record)
+    summary: dict[str, Any] = json.loads(_sutura.run_session(scene, seconds, host_hz, rendering, path, _build()))
+    return summary | {"console": "virtual"}
+
+
+def replay(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Runs a recording again, the console's ticks and the solver's steps, and compares them with what was recorded.
+
+    Returns what came of it, with the keys of `sutura replay --format json`: `diverged_at` is None where all came out the
+    same; `host.identical` says that it did to the bit.
+    """
+    report: dict[str, Any] = json.loads(_sutura.replay_session(os.fspath(path), _build()))
+    return report

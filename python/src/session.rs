@@ -1,0 +1,215 @@
+//! Sessions on the virtual console, tick by tick, and recordings run again. Entry points from Python: `sutura.run`,
+//! `sutura.replay`. Both return JSON with the keys of the command's.
+
+use crate::error::{self, Error};
+use crate::scene::Scene;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use serde_json::json;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use sutura_hil::NativeConsole;
+use sutura_host::recording::replay::{NativeTicks, replay_console, replay_host_while};
+use sutura_host::recording::{
+    About, End, Recorder, Recording, RecordingError, TappedConsole, TappedSolver,
+};
+use sutura_host::scene::{self, BUILT_IN_DEVICES, Document, LONGEST_S, Tissue, read_device};
+use sutura_host::session::{
+    LINE_BYTES_PER_S, Plan, Progress, Rendering, SceneSolver, check_rate, run_lockstep,
+};
+use sutura_shared::control::TICK_HZ;
+use sutura_shared::wire::message::Fixture;
+
+/// Runs a scene on the virtual console: see `sutura.run`.
+#[pyfunction]
+pub fn run_session(
+    py: Python<'_>,
+    scene: &Scene,
+    seconds: Option<f64>,
+    host_hz: Option<f64>,
+    rendering: Option<&str>,
+    record: Option<PathBuf>,
+    build: String,
+) -> PyResult<String> {
+    let plan = plan(&scene.inner, seconds, host_hz, rendering)?;
+    let (inner, sources) = (scene.inner.clone(), scene.sources.clone());
+    py.detach(|| {
+        let mut solver =
+            SceneSolver::for_session(&inner, &plan).map_err(|error| error::of_solve(&error))?;
+        let about = About {
+            console: "virtual".to_owned(),
+            lockstep: true,
+            worker: false,
+            ..About::here(build, &plan, &inner.tissue.to_string())
+        };
+        let recorder = Recorder::start(record.as_deref(), about, sources);
+        let recorder = recorder.map_err(|error| of_recording(&error))?;
+        let mut console = NativeConsole::new(&plan.device)
+            .map_err(|error| Error::new_err(format!("the device is unusable: {error}")))?;
+        let mut console = TappedConsole::new(&mut console, recorder.tap());
+        let mut solver = TappedSolver::new(&mut solver, recorder.tap()).sketched(&inner);
+        let mut stopped = None;
+        let watch = |_: &Progress<'_>| match interrupted() {
+            Ok(()) => ControlFlow::Continue(()),
+            Err(error) => {
+                stopped = Some(error);
+                ControlFlow::Break(())
+            }
+        };
+        let summary = run_lockstep(&mut console, &plan, &mut solver, watch);
+        recorder.finish().map_err(|error| of_recording(&error))?;
+        if let Some(error) = stopped {
+            return Err(error);
+        }
+        let summary = summary.map_err(|error| Error::new_err(error.to_string()))?;
+        serde_json::to_string(&summary).map_err(|error| Error::new_err(error.to_string()))
+    })
+}
+
+/// What Python wants to do about Ctrl-C.
+fn interrupted() -> PyResult<()> {
+    Python::attach(|py| py.check_signals())
+}
+
+/// The session that a scene asks for, but for what is given.
+fn plan(
+    scene: &Arc<scene::Scene>,
+    seconds: Option<f64>,
+    host_hz: Option<f64>,
+    rendering: Option<&str>,
+) -> PyResult<Plan> {
+    if scene.tissue == Tissue::Auto {
+        return Err(Error::new_err(format!(
+            "the scene {:?} has `auto` tissue, which depends on what this machine can do: name a model in [tissue]",
+            scene.name
+        )));
+    }
+    let Some(hand) = scene.hand else {
+        return Err(Error::new_err(format!(
+            "the scene {:?} has no hand to hold a virtual console: add a [hand] section as in scenes/palpation.toml",
+            scene.name
+        )));
+    };
+    let device = match scene.device {
+        Some(device) => device,
+        None => {
+            let (name, text) = BUILT_IN_DEVICES[0];
+            let document = Document::embedded(name, Path::new(""), text);
+            read_device(&document).map_err(|error| error::of_scene(&error))?
+        }
+    };
+    let seconds = seconds.unwrap_or(scene.seconds);
+    if !(seconds > 0.0 && seconds <= LONGEST_S) {
+        return Err(PyValueError::new_err(format!(
+            "seconds is {seconds}: give a length above 0 and at most {LONGEST_S}, a day"
+        )));
+    }
+    let host_hz = host_hz.unwrap_or(scene.host.host_hz);
+    if !(host_hz > 0.0 && host_hz <= f64::from(TICK_HZ)) {
+        return Err(PyValueError::new_err(format!(
+            "host_hz is {host_hz}: give a rate above 0 and at most {TICK_HZ}"
+        )));
+    }
+    check_rate(host_hz, TICK_HZ)
+        .map_err(|error| PyValueError::new_err(format!("host_hz: {error}")))?;
+    let rendering = match rendering {
+        None => scene.usual_rendering(),
+        Some("hold") => Rendering::Hold,
+        Some("tangent") => Rendering::Tangent,
+        Some("rows") => Rendering::Rows,
+        Some(other) => {
+            return Err(PyValueError::new_err(format!(
+                "rendering is {other:?}: give \"hold\", \"tangent\" or \"rows\""
+            )));
+        }
+    };
+    Ok(Plan {
+        device,
+        hand,
+        host_hz,
+        seconds,
+        tick_hz: TICK_HZ,
+        state_every: 1,
+        horizon_us: scene.host.horizon_us,
+        clear_fault: false,
+        fixture: Fixture::None,
+        rendering,
+        line_bytes_per_s: LINE_BYTES_PER_S,
+    })
+}
+
+/// Runs a recording again: see `sutura.replay`.
+#[pyfunction]
+pub fn replay_session(py: Python<'_>, path: PathBuf, build: String) -> PyResult<String> {
+    py.detach(|| {
+        let recording = Recording::read(&path).map_err(|error| of_recording(&error))?;
+        let about = &recording.about;
+        let here = About::here(build, &about.plan, &about.tissue);
+        let console = replay_console(&recording, &mut NativeTicks::new(&about.plan.device));
+        let document = Document::from_sources(&recording.sources);
+        let mut scene = scene::read(&document).map_err(|error| error::of_scene(&error))?;
+        if let Ok(tissue) = Tissue::named(&about.tissue) {
+            scene.tissue = tissue.instead_of(scene.tissue);
+        }
+        let solver = SceneSolver::for_session(&scene, &about.plan);
+        let mut solver = solver.map_err(|error| error::of_solve(&error))?;
+        let mut stopped = None;
+        let same_bits = about.same_bits(&here);
+        let host = replay_host_while(
+            &recording,
+            &mut solver,
+            same_bits,
+            |_, _| match interrupted() {
+                Ok(()) => ControlFlow::Continue(()),
+                Err(error) => {
+                    stopped = Some(error);
+                    ControlFlow::Break(())
+                }
+            },
+        );
+        if let Some(error) = stopped {
+            return Err(error);
+        }
+        let cut_off = match &recording.end {
+            End::Whole => None,
+            End::Cut(reason) => Some(reason),
+        };
+        let diverged_at = [console.diverged_at, host.diverged_at]
+            .into_iter()
+            .flatten()
+            .min();
+        let report = json!({
+            "file": path.display().to_string(),
+            "ticks": console.ticks,
+            "diverged_at": diverged_at,
+            "hash": format!("{:016x}", console.hash),
+            "cut_off": cut_off,
+            "console": {
+                "verified_ticks": console.verified_ticks,
+                "unverified_ticks": console.unverified_ticks,
+                "lost_frames": console.lost_frames,
+                "diverged_at": console.diverged_at,
+                "unverifiable_from": console.unverifiable_from,
+                "why": console.why,
+                "hash": format!("{:016x}", console.hash),
+            },
+            "host": {
+                "steps": host.steps,
+                "verified_steps": host.verified_steps,
+                "identical": host.identical,
+                "largest_difference": host.largest_difference,
+                "diverged_at": host.diverged_at,
+                "diverged_step": host.diverged_step,
+                "unverifiable_from": host.unverifiable_from,
+                "why": host.why,
+                "hash": format!("{:016x}", host.hash),
+            },
+        });
+        Ok(report.to_string())
+    })
+}
+
+fn of_recording(error: &RecordingError) -> PyErr {
+    Error::new_err(format!("{error}: {}", error.help()))
+}
