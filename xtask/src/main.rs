@@ -13,6 +13,7 @@ mod image;
 mod locks;
 mod made_of;
 mod plots;
+mod python;
 mod run;
 mod scenes;
 mod setup;
@@ -111,6 +112,17 @@ A report is what `sutura tradeoff --full` or `sutura fidelity --full` prints wit
         #[arg(long)]
         tables: bool,
     },
+    /// Tests the Python package, in an environment of its own under the target folder.
+    #[command(after_help = "Examples:
+  cargo xtask python           its short tests, beside the library that the workspace's tests are built with
+  cargo xtask python --full    installs it as a release into a fresh environment, with all extras, and runs all its tests
+
+pip fetches numpy and pytest once; with --full what python/pyproject.toml names as extras.")]
+    Python {
+        /// As a release in a fresh environment, with the long forms of tests (SUTURA_FULL=1).
+        #[arg(long)]
+        full: bool,
+    },
     /// Fetches what the page of `sutura view` uses of others from npm, as host/view/vendor/vendor.toml says.
     #[command(after_help = "Examples:
   cargo xtask vendor            write the files into host/view/vendor
@@ -192,6 +204,7 @@ fn main() -> ExitCode {
         Command::Scenes { check } => scenes::gated(check),
         Command::Plots { check, from, sheet } => plots::all(check, from.as_deref(), sheet),
         Command::Book { tables } => book::build(tables),
+        Command::Python { full } => python::all(full),
         Command::Vendor { check } => vendor::gated(check),
         Command::Fuzz { arguments } => fuzz::run(&arguments),
         Command::Bars(arguments) => bars::all(&arguments),

@@ -11,7 +11,7 @@ pub use seeds::Cases;
 
 use crate::run::{Beside, Tool, target};
 use crate::toolchain::{Toolchain, host};
-use crate::{Format, bench, book, firmware, locks, setup};
+use crate::{Format, bench, book, firmware, locks, python, setup};
 use anyhow::{Context, Result, bail};
 use report::{Kind, Report};
 
@@ -150,6 +150,14 @@ fn steps(report: &mut Report, cases: Cases) {
     // What the page's tests wait for leaves time: all that does not build the command runs beside them.
     let page = page().map(Tool::beside);
     tests(report, cases);
+    let again = if cases.full {
+        "cargo xtask python --full"
+    } else {
+        "cargo xtask python"
+    };
+    report.step(Kind::Tests, "python package", again, |_| {
+        python::test(cases.full)
+    });
     report.step(
         Kind::Tests,
         "solver instructions",
