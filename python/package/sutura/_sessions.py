@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import json
 import os
@@ -12,7 +11,6 @@ from typing import Any
 from . import _sutura
 
 
-@functools.cache
 def _build() -> str:
     """Which build this is, for replays: only the same one must come to the same bits."""
     return hashlib.sha256(Path(str(_sutura.__file__)).read_bytes()).hexdigest()[:16]
