@@ -197,3 +197,89 @@ fn what_cannot_be_used_is_refused_with_its_place() {
         assert!(ran.stdout.is_empty());
     }
 }
+
+/// A node too many and a cell inside out: written as they are, or mended with `--clean`; never over the file itself.
+#[test]
+fn cleaning_says_what_it_did_and_spares_the_input() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = directory.path();
+    let bad = two_cells("3 2 4 5").replace("5\n1 0 0 0", "6\n6 9 9 9\n1 0 0 0");
+    std::fs::write(path.join("bad.msh"), &bad).expect("writable");
+    let run = |arguments: &[&str]| sutura_in(path, &[&["mesh", "convert"], arguments].concat());
+    let kept = json(&run(&["bad.msh", "--out", "kept.msh", "--format", "json"]));
+    assert_eq!(
+        (&kept["inverted"], &kept["unreferenced"]),
+        (&1.into(), &1.into())
+    );
+    assert_eq!(kept["cleaned"], Value::Null);
+    let ran = run(&[
+        "bad.msh",
+        "--out",
+        "clean.vtu",
+        "--clean",
+        "--format",
+        "json",
+    ]);
+    let clean = json(&ran);
+    assert_eq!(clean["cleaned"]["dropped_nodes"], 1);
+    assert_eq!(clean["cleaned"]["turned_cells"], 1);
+    assert_eq!(
+        (&clean["usable"], &clean["nodes"]),
+        (&true.into(), &5.into())
+    );
+    let text = run(&["bad.msh", "--out", "clean.node", "--clean"]).stdout;
+    let said = "1 nodes without a cell dropped, 1 inverted cells turned";
+    assert!(text.contains(said), "{text}");
+    for file in ["clean.vtu", "clean.ele"] {
+        let report = info(path, file);
+        assert_eq!(report["usable"], true, "{file}");
+        assert_eq!(report["regions"], {
+            let mut regions = clean["regions"].clone();
+            regions[1].as_object_mut().expect("a region").remove("name");
+            regions
+        });
+    }
+    for (file, out) in [("bad.msh", "./bad.msh"), ("clean.node", "clean.ele")] {
+        let ran = run(&[file, "--out", out, "--clean", "--overwrite"]);
+        assert_eq!(ran.code, 2, "{}", ran.stderr);
+        assert!(ran.stderr.contains("over itself"), "{}", ran.stderr);
+    }
+    let after = std::fs::read_to_string(path.join("bad.msh")).expect("still there");
+    assert_eq!(after, bad);
+}
+
+/// What a reader leaves out is said, in text and as `notes`.
+#[test]
+fn ten_node_cells_are_taken_with_a_note() {
+    let file = "tests/data/meshes/gmsh41-order2.msh";
+    let run = |format| sutura(&["mesh", "info", file, "--scale", "0.001", "--format", format]);
+    let report = json(&run("json"));
+    assert_eq!(
+        (&report["nodes"], &report["usable"]),
+        (&84.into(), &true.into())
+    );
+    let notes = report["notes"].to_string();
+    assert!(
+        notes.contains("218 cells of 10 nodes are taken as cells of 4"),
+        "{notes}"
+    );
+    assert!(
+        run("text")
+            .stdout
+            .contains("nodes in the middle of edges are dropped")
+    );
+}
+
+/// An organ in millimetres without a scale is 40 m long: told, with the factor.
+#[test]
+fn a_mesh_in_millimetres_gets_its_hint() {
+    let report = json(&sutura(&[
+        "mesh",
+        "info",
+        "tests/data/meshes/gmsh.inp",
+        "--format",
+        "json",
+    ]));
+    let warnings = report["warnings"].to_string();
+    assert!(warnings.contains("0.001"), "{warnings}");
+}

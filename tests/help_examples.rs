@@ -191,6 +191,10 @@ const EXAMPLES: &[(&str, Way)] = &[
         Ends(&["part.msh"]),
     ),
     (
+        "sutura mesh convert part.inp --out part.msh --clean",
+        Ends(&["part.msh"]),
+    ),
+    (
         "sutura mesh convert part.msh --out part.vtu",
         Ends(&["part.vtu"]),
     ),
@@ -398,6 +402,8 @@ fn folder() -> tempfile::TempDir {
         at.join("large.msh"),
     )
     .unwrap();
+    let deck = root().join("tests/data/meshes/gmsh.inp");
+    std::fs::copy(deck, at.join("part.inp")).unwrap();
     for name in ["part.vtk", "part.node", "part.msh"] {
         let ran = sutura_in(
             at,

@@ -4,8 +4,9 @@
 
 use crate::seeds::{File, root};
 use fastrand::Rng;
+use std::path::Path;
 use std::time::{Duration, Instant};
-use sutura_host::mesh::{RawMesh, read_msh_raw, read_tetgen, read_vtk};
+use sutura_host::mesh::{RawMesh, read_raw_mesh_with};
 use sutura_host::scene::{Document, Scene, read_device};
 
 /// What stands between the two files of a tetgen mesh in one text.
@@ -61,12 +62,25 @@ pub fn scene(bytes: &[u8]) -> bool {
 /// On a defect.
 pub fn mesh(bytes: &[u8]) -> bool {
     let text = String::from_utf8_lossy(bytes);
-    let raw = match text.split_once(TETGEN_CUT) {
-        Some((node, ele)) => read_tetgen(node, ele),
-        None if text.starts_with("$") => read_msh_raw(&text),
-        None => read_vtk(&text),
+    let name = match text.trim_start() {
+        text if text.contains(TETGEN_CUT) => "a.node",
+        text if text.starts_with('$') => "a.msh",
+        text if text.starts_with('<') => "a.vtu",
+        text if text.starts_with('*') => "a.inp",
+        text if text.starts_with("MeshVersion") => "a.mesh",
+        _ => "a.vtk",
     };
-    let checked = raw.and_then(|raw| raw.scaled(1.0)).and_then(|raw| {
+    let (node, ele) = text.split_once(TETGEN_CUT).unwrap_or_default();
+    let raw = read_raw_mesh_with(Path::new(name), 1.0, |path| {
+        Ok(
+            match path.extension().and_then(|extension| extension.to_str()) {
+                Some("node") => node.as_bytes().to_vec(),
+                Some("ele") => ele.as_bytes().to_vec(),
+                _ => bytes.to_vec(),
+            },
+        )
+    });
+    let checked = raw.and_then(|raw| {
         // What the commands tell of a mesh before they look at it.
         let worst = raw.qualities().into_iter().fold(1.0, f64::min);
         assert!(!worst.is_nan(), "a quality is no number");

@@ -6,12 +6,12 @@ use clap::{Args, Subcommand};
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-use sutura_host::mesh::{MeshError, MeshReport, RawMesh, read_raw_mesh};
+use sutura_host::mesh::{Cleaned, MeshError, MeshReport, RawMesh, read_raw_mesh};
 use sutura_host::output::{MeshFormat, write_mesh};
 use sutura_host::scene::unlikely_size;
 use sutura_study::trial::{Trial, trial};
 
-/// Looks at tetrahedral mesh files and converts them: .msh (gmsh), .node and .ele (tetgen), .vtk.
+/// Looks at tetrahedral mesh files and converts them: gmsh, tetgen, VTK, medit, abaqus.
 #[derive(Args, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct MeshArgs {
@@ -42,6 +42,7 @@ const CONVERT_EXAMPLES: &str = "\
 Examples:
   sutura mesh convert part.node --out part.msh              tetgen to gmsh 2.2, regions kept
   sutura mesh convert part.vtk --out part.msh --scale 0.001  millimetres to metres
+  sutura mesh convert part.inp --out part.msh --clean       nodes without cells dropped, inverted cells turned
   sutura mesh convert part.msh --out part.vtu               ParaView: colour by mean_ratio or region";
 
 #[derive(Subcommand, Debug)]
@@ -58,7 +59,7 @@ enum MeshCommand {
         #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..=1000))]
         rows: u32,
     },
-    /// Writes the mesh in another format, good or bad as it is; only nodes and tetrahedra are kept.
+    /// Writes the mesh in another format, good or bad as it is; only nodes, tetrahedra and regions are kept.
     #[command(after_help = CONVERT_EXAMPLES)]
     Convert {
         #[command(flatten)]
@@ -66,12 +67,15 @@ enum MeshCommand {
         /// New file: .msh (gmsh 2.2), .node or .ele (both are written), .vtk or .vtu.
         #[arg(short, long, value_name = "FILE")]
         out: PathBuf,
+        /// Drop nodes that no cell uses, and turn inverted cells; regions are kept.
+        #[arg(long)]
+        clean: bool,
     },
 }
 
 #[derive(Args, Debug)]
 struct Input {
-    /// Mesh file: .msh, .node or .ele, .vtk.
+    /// Mesh file: .msh, .node or .ele, .vtk, .vtu, .mesh, .inp.
     file: PathBuf,
     /// Metres per unit of the file.
     #[arg(long, value_name = "S", default_value_t = 1.0)]
@@ -85,7 +89,7 @@ struct Input {
 pub fn run(args: &MeshArgs, global: &Global) -> Result<(), Failure> {
     match &args.command {
         MeshCommand::Info { input, time, rows } => info(input, *time, *rows, global),
-        MeshCommand::Convert { input, out } => convert(input, out, global),
+        MeshCommand::Convert { input, out, clean } => convert(input, out, *clean, global),
     }
 }
 
@@ -97,12 +101,16 @@ fn read(input: &Input) -> Result<(RawMesh, MeshReport), Failure> {
                 let help = "name a mesh file: sutura mesh info --help";
                 Failure::say(Cause::BadInput, error.to_string(), help)
             }
-            error => Failure::say(
-                Cause::BadInput,
-                format!("{}: {error}", input.file.display()),
-                "mend the file at that place, or write it again with the program that made it",
-            ),
+            error => bad(&input.file, &error),
         })
+}
+
+fn bad(file: &Path, error: &MeshError) -> Failure {
+    Failure::say(
+        Cause::BadInput,
+        format!("{}: {error}", file.display()),
+        "mend the file at that place, or write it again with the program that made it",
+    )
 }
 
 /// What `sutura mesh info --format json` prints.
@@ -138,6 +146,8 @@ pub struct Converted {
     file: String,
     /// The new file.
     out: String,
+    /// What `--clean` did.
+    cleaned: Option<Cleaned>,
     #[serde(flatten)]
     report: MeshReport,
 }
@@ -252,20 +262,21 @@ fn print_times(trial: &Result<Trial, String>) {
     }
 }
 
-fn convert(input: &Input, out: &Path, global: &Global) -> Result<(), Failure> {
+fn convert(input: &Input, out: &Path, clean: bool, global: &Global) -> Result<(), Failure> {
     // Before the work: a mesh that cannot be written need not be read.
-    let Some(format) = MeshFormat::of(out) else {
-        let message = format!("{}: not a mesh format that is written", out.display());
-        let help = "end the name in .msh, .node, .ele, .vtk or .vtu";
+    let format = format_of(out)?;
+    if is_same(&input.file, out) {
+        let message = format!("{} would be written over itself", input.file.display());
+        let help = "name another file for --out: what is left out of a mesh cannot be had back";
         return Err(Failure::say(Cause::BadInput, message, help));
-    };
+    }
     files::free(out, global)?;
-    let (mesh, report) = read(input)?;
-    write_mesh(&mesh, out, format).map_err(|error| {
-        let message = format!("cannot write {}: {error}", out.display());
-        let help = "name a file in a directory that exists and is yours";
-        Failure::say(Cause::BadInput, message, help)
-    })?;
+    let (mut mesh, mut report) = read(input)?;
+    let cleaned = clean.then(|| mesh.clean());
+    if clean {
+        report = MeshReport::of(&mesh).map_err(|error| bad(&input.file, &error))?;
+    }
+    write(&mesh, out, format)?;
     if let Some(refusal) = &report.refusal {
         tracing::warn!("scenes will refuse this mesh: {refusal}");
     }
@@ -274,16 +285,58 @@ fn convert(input: &Input, out: &Path, global: &Global) -> Result<(), Failure> {
             status: "ok",
             file: input.file.display().to_string(),
             out: out.display().to_string(),
+            cleaned,
             report,
         }),
-        Format::Text => say!(
-            "{} nodes and {} cells written to {}",
-            report.nodes,
-            report.cells,
-            out.display()
-        ),
+        Format::Text => {
+            for note in &report.notes {
+                say!("{note}");
+            }
+            if let Some(done) = cleaned {
+                say!(
+                    "{} nodes without a cell dropped, {} inverted cells turned",
+                    done.dropped_nodes,
+                    done.turned_cells
+                );
+            }
+            say!(
+                "{} nodes and {} cells written to {}",
+                report.nodes,
+                report.cells,
+                out.display()
+            );
+        }
     }
     Ok(())
+}
+
+fn format_of(out: &Path) -> Result<MeshFormat, Failure> {
+    MeshFormat::of(out).ok_or_else(|| {
+        let message = format!("{}: not a mesh format that is written", out.display());
+        let help = "end the name in .msh, .node, .ele, .vtk or .vtu";
+        Failure::say(Cause::BadInput, message, help)
+    })
+}
+
+/// Whether writing `out` would change `file`; tetgen's files are two.
+fn is_same(file: &Path, out: &Path) -> bool {
+    let is_pair = |path: &Path| path.extension().is_some_and(|e| e == "node" || e == "ele");
+    let name = |path: &Path| match is_pair(path) {
+        true => path.with_extension("node"),
+        false => path.to_owned(),
+    };
+    match (name(file).canonicalize(), name(out).canonicalize()) {
+        (Ok(file), Ok(out)) => file == out,
+        _ => false,
+    }
+}
+
+fn write(mesh: &RawMesh, out: &Path, format: MeshFormat) -> Result<(), Failure> {
+    write_mesh(mesh, out, format).map_err(|error| {
+        let message = format!("cannot write {}: {error}", out.display());
+        let help = "name a file in a directory that exists and is yours";
+        Failure::say(Cause::BadInput, message, help)
+    })
 }
 
 fn print_text(file: &Path, report: &MeshReport) {
@@ -318,6 +371,9 @@ fn print_text(file: &Path, report: &MeshReport) {
             region.cells,
             1e6 * region.volume_m3
         );
+    }
+    for note in &report.notes {
+        say!("  {note}");
     }
     match &report.refusal {
         None => say!("scenes take this mesh"),

@@ -40,25 +40,43 @@ impl fmt::Display for NodeId {
     }
 }
 
+/// Where in a file something is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// In a line, from 1.
+    Line(usize),
+    /// After so many bytes.
+    Byte(usize),
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Place::Line(line) => write!(f, "line {line}"),
+            Place::Byte(byte) => write!(f, "byte {byte}"),
+        }
+    }
+}
+
 /// Why a mesh is refused.
 #[derive(Clone, Debug, PartialEq, Error)]
 #[non_exhaustive]
 pub enum MeshError {
-    /// The text is not what the format says at this line.
-    #[error("line {line}: expected {expected}, found {found}")]
+    /// The file is not what the format says at this place.
+    #[error("{at}: expected {expected}, found {found}")]
     Syntax {
-        /// 1-based line.
-        line: usize,
+        /// Where.
+        at: Place,
         /// What the format asks for here.
         expected: String,
         /// What stands there.
         found: String,
     },
     /// The file ends inside a section.
-    #[error("line {line}: the file ends while {expected} was expected; is it cut off?")]
+    #[error("{at}: the file ends while {expected} was expected; is it cut off?")]
     Truncated {
-        /// 1-based line after the last.
-        line: usize,
+        /// Where.
+        at: Place,
         /// What the format asks for here.
         expected: String,
     },
@@ -79,60 +97,60 @@ pub enum MeshError {
         reason: String,
     },
     /// A file of a kind that is not read.
-    #[error("{0} is no mesh file that is read here; these are: .msh, .node with .ele, .vtk")]
+    #[error(
+        "{0} is no mesh file that is read here; these are: .msh, .node with .ele, .vtk, .vtu, .mesh, .inp"
+    )]
     Extension(String),
-    /// A volume cell other than a four-node tetrahedron in a `.vtk` file.
-    #[error(
-        "line {line}: cell {index} has VTK type {kind}; only 4-node tetrahedra (type 10) fill a volume here"
-    )]
-    VtkCell {
-        /// 1-based line.
-        line: usize,
-        /// Its place in the file, from 0.
-        index: usize,
-        /// The type's number.
-        kind: u64,
-    },
     /// A version or encoding that is not read.
-    #[error(
-        "line {line}: {found} is not read; save it as gmsh 4.1 or 2.2 ASCII: gmsh -save -format msh41 FILE"
-    )]
+    #[error("{at}: {found} is not read; save it as gmsh 4.1 or 2.2: gmsh -save -format msh41 FILE")]
     Version {
-        /// 1-based line.
-        line: usize,
+        /// Where.
+        at: Place,
         /// What the file says it is.
         found: String,
     },
     /// A section that must be there is not.
-    #[error("the file has no ${0} section")]
+    #[error("the file has no {0}; is it cut off, or a file of another kind?")]
     NoSection(&'static str),
     /// A section that may be there once is there again.
-    #[error("line {line}: a second ${section} section")]
+    #[error("{at}: a second {section}")]
     SecondSection {
-        /// 1-based line.
-        line: usize,
+        /// Where.
+        at: Place,
         /// Name of the section.
         section: &'static str,
     },
-    /// Volume elements other than four-node tetrahedra.
+    /// Cells that fill a volume and are no tetrahedra.
     #[error(
-        "line {line}: element {tag} has gmsh type {kind} ({name}); only 4-node tetrahedra fill a volume here: mesh with gmsh -3 -order 1 and without recombination"
+        "{at}: element {tag} has type {kind} ({name}); only tetrahedra of 4 or 10 nodes fill a volume here: mesh again without recombination, at most of second order"
     )]
-    ElementType {
-        /// 1-based line.
-        line: usize,
-        /// The element's number.
+    NoTetrahedron {
+        /// Where.
+        at: Place,
+        /// The cell's number in the file.
         tag: u64,
-        /// The type's number.
-        kind: u64,
+        /// The type as the file says it.
+        kind: String,
         /// The type's name.
         name: &'static str,
     },
+    /// A node of a ten-node tetrahedron that is nowhere near the middle of an edge.
+    #[error(
+        "{cell} has 10 nodes, none of which of its own lies near the middle of the edge from {from} to {to}: mesh again with order 1"
+    )]
+    MidNode {
+        /// The cell.
+        cell: CellId,
+        /// An end of the edge.
+        from: NodeId,
+        /// The other.
+        to: NodeId,
+    },
     /// Two nodes carry one tag.
-    #[error("line {line}: node {tag} is given twice")]
+    #[error("{at}: node {tag} is given twice")]
     NodeTagTwice {
-        /// 1-based line.
-        line: usize,
+        /// Where.
+        at: Place,
         /// The tag.
         tag: u64,
     },

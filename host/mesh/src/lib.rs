@@ -8,27 +8,22 @@ mod check;
 mod error;
 mod half_face;
 mod half_faces;
-mod lines;
 mod manifold;
-mod msh;
 mod read;
 mod report;
 mod structured;
 mod surface;
-mod tetgen;
-mod vtk;
 
 pub use boundary::{Boundary, Side};
-pub use error::{CellId, MeshError, NodeId};
+pub use error::{CellId, MeshError, NodeId, Place};
 pub use half_face::{HalfEdge, HalfFace};
 pub use half_faces::{AroundEdge, HalfFaces};
-pub use msh::{read_msh, read_msh_raw};
-pub use read::{read_mesh, read_mesh_with, read_raw_mesh};
+pub use read::{
+    read_mesh, read_mesh_with, read_msh, read_msh_raw, read_raw_mesh, read_raw_mesh_with,
+};
 pub use report::{EdgeLengths, MeshReport, Quality, RegionReport, mean_ratio};
 pub use structured::{slab, tube};
 pub use surface::Surface;
-pub use tetgen::read_tetgen;
-pub use vtk::read_vtk;
 
 use check::Tags;
 use nalgebra::Vector3;
@@ -45,6 +40,8 @@ pub struct RawMesh {
     pub regions: Vec<i64>,
     /// Names of regions, where the file gives them.
     pub region_names: BTreeMap<i64, String>,
+    /// What the reader left out of the file or made of it.
+    pub notes: Vec<String>,
     /// The file's own numbers, for messages.
     tags: Tags,
 }
@@ -80,6 +77,35 @@ impl RawMesh {
         corners.map(|corners| mean_ratio(&corners)).collect()
     }
 
+    /// Drops the nodes that no cell uses and turns inverted cells, two of whose nodes change places. Regions, and the order
+    /// of what is left, stay.
+    pub fn clean(&mut self) -> Cleaned {
+        let nodes = self.points_m.len();
+        let mut used = vec![false; nodes];
+        for &node in self.cells.iter().flatten() {
+            if let Some(used) = used.get_mut(node as usize) {
+                *used = true;
+            }
+        }
+        read::keep_nodes(
+            |node| used[node],
+            &mut self.points_m,
+            &mut self.tags.nodes,
+            &mut self.cells,
+        );
+        let mut turned = 0;
+        for index in 0..self.cells.len() {
+            if signed_volume(&self.corners(self.cells[index])) < 0.0 {
+                self.cells[index].swap(2, 3);
+                turned += 1;
+            }
+        }
+        Cleaned {
+            dropped_nodes: nodes - self.points_m.len(),
+            turned_cells: turned,
+        }
+    }
+
     /// Corners of one cell \[m\]; not a number where a node does not exist.
     fn corners(&self, cell: [u32; 4]) -> [Vector3<f64>; 4] {
         cell.map(|node| {
@@ -108,6 +134,15 @@ impl RawMesh {
             region_names: self.region_names,
         })
     }
+}
+
+/// What [`RawMesh::clean`] did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, schemars::JsonSchema)]
+pub struct Cleaned {
+    /// Nodes without a cell that were dropped.
+    pub dropped_nodes: usize,
+    /// Inverted cells that were turned.
+    pub turned_cells: usize,
 }
 
 /// A checked tetrahedral mesh.

@@ -36,6 +36,8 @@ pub struct MeshReport {
     pub volume_m3: f64,
     /// Every region, by its number.
     pub regions: Vec<RegionReport>,
+    /// What was left out of the file or made of it: faces, nodes in the middle of edges.
+    pub notes: Vec<String>,
     /// Whether scenes take the mesh.
     pub usable: bool,
     /// Why not.
@@ -169,6 +171,7 @@ impl MeshReport {
                     volume_m3,
                 })
                 .collect(),
+            notes: mesh.notes.clone(),
             usable: refusal.is_none(),
             refusal,
         })

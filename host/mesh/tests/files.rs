@@ -1,0 +1,540 @@
+//! Mesh files that other programs wrote, `tests/data/meshes`, and what is left of them when they break.
+
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use sutura_mesh::{RawMesh, read_raw_mesh, read_raw_mesh_with};
+
+/// Each file, and whether it has the names of its regions.
+const FILES: [(&str, bool); 18] = [
+    ("gmsh22-ascii.msh", true),
+    ("gmsh22-binary.msh", true),
+    ("gmsh41-ascii.msh", true),
+    ("gmsh41-binary.msh", true),
+    ("gmsh41-order2.msh", true),
+    ("gmsh.mesh", false),
+    ("gmsh.inp", true),
+    ("meshio.node", false),
+    ("meshio42-ascii.vtk", false),
+    ("meshio42-binary.vtk", false),
+    ("vtk51-ascii.vtk", false),
+    ("vtk51-binary.vtk", false),
+    ("meshio.vtu", false),
+    ("vtk-ascii.vtu", false),
+    ("vtk-base64.vtu", false),
+    ("vtk-base64-zlib.vtu", false),
+    ("vtk-raw.vtu", false),
+    ("vtk-raw-zlib.vtu", false),
+];
+
+fn path(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../tests/data/meshes")
+        .join(name)
+}
+
+fn bytes(name: &str) -> Vec<u8> {
+    std::fs::read(path(name)).expect(name)
+}
+
+/// Corners of a cell in a thousandth of the file's unit, from the least to the largest.
+fn key(corners: [[f64; 3]; 4]) -> Vec<[i64; 3]> {
+    let mut key: Vec<_> = corners
+        .iter()
+        .map(|at| at.map(|x| (1e3 * x).round() as i64))
+        .collect();
+    key.sort_unstable();
+    key
+}
+
+/// The region of each cell of the model, by its corners: what gmsh held in memory.
+fn reference() -> BTreeMap<Vec<[i64; 3]>, i64> {
+    let json: Value = serde_json::from_slice(&bytes("reference.json")).expect("JSON");
+    let cells: Vec<[[f64; 3]; 4]> =
+        serde_json::from_value(json["cells"].clone()).expect("corners of cells");
+    let regions: Vec<i64> = serde_json::from_value(json["regions"].clone()).expect("regions");
+    cells.into_iter().map(key).zip(regions).collect()
+}
+
+/// 7 and 9, or 1 and 2 where a format has names alone.
+fn group(mesh: &RawMesh, region: i64) -> i64 {
+    match mesh.region_names.get(&region).map(String::as_str) {
+        Some("liver") => 7,
+        Some("fat") => 9,
+        _ => region,
+    }
+}
+
+#[test]
+fn files_of_other_programs_have_the_same_nodes_cells_and_regions() {
+    let reference = reference();
+    assert_eq!(reference.len(), 218);
+    for (name, has_names) in FILES
+        .into_iter()
+        .chain([("vtk-appended-base64-zlib.vtu", false)])
+    {
+        let mesh =
+            read_raw_mesh(&path(name), 1.0).unwrap_or_else(|error| panic!("{name}: {error}"));
+        assert_eq!(mesh.points_m.len(), 84, "{name}");
+        let mut read = BTreeMap::new();
+        for (cell, region) in mesh.cells.iter().zip(&mesh.regions) {
+            let corners = cell.map(|node| mesh.points_m[node as usize]);
+            read.insert(key(corners), group(&mesh, *region));
+        }
+        assert_eq!(mesh.cells.len(), reference.len(), "{name}");
+        assert!(read == reference, "{name}: other cells or regions");
+        let names: Vec<_> = mesh.region_names.values().map(String::as_str).collect();
+        let wanted: &[&str] = if has_names { &["liver", "fat"] } else { &[] };
+        assert_eq!(names, wanted, "{name}");
+        let is_second_order = name.contains("order2");
+        let says = |words: &str| mesh.notes.iter().any(|note| note.contains(words));
+        assert_eq!(
+            says("218 cells of 10 nodes"),
+            is_second_order,
+            "{name}: {:?}",
+            mesh.notes
+        );
+        assert!(
+            !is_second_order || says("every edge is straight"),
+            "{:?}",
+            mesh.notes
+        );
+        let has_faces = name.starts_with("gmsh");
+        assert_eq!(
+            says("lines and faces are left out"),
+            has_faces,
+            "{name}: {:?}",
+            mesh.notes
+        );
+        mesh.scaled(1e-3)
+            .and_then(RawMesh::check)
+            .unwrap_or_else(|error| panic!("{name}: {error}"));
+    }
+}
+
+/// Reads and checks a file of these bytes; the error's text, and the most memory \[bytes\] that was taken for it.
+fn broken(name: &str, bytes: &[u8]) -> (Option<String>, u64) {
+    let mut error = None;
+    let memory = allocation_counter::measure(|| {
+        let read = |path: &Path| match path.extension() {
+            // The other half of a mesh of tetgen is whole.
+            Some(extension) if extension == "ele" && !name.ends_with("ele") => file("meshio.ele"),
+            Some(extension) if extension == "node" && name.ends_with("ele") => file("meshio.node"),
+            _ => Ok(bytes.to_vec()),
+        };
+        let mesh = read_raw_mesh_with(Path::new(name), 1.0, read);
+        error = mesh
+            .and_then(RawMesh::check)
+            .err()
+            .map(|error| error.to_string());
+    });
+    (error, memory.bytes_max)
+}
+
+fn file(name: &str) -> std::io::Result<Vec<u8>> {
+    std::fs::read(path(name))
+}
+
+/// A wrong file may take no more memory than this \[bytes\].
+const MOST_MEMORY: u64 = 20_000_000;
+
+#[test]
+fn files_that_are_cut_off_are_refused() {
+    let mut count = 0;
+    for (name, _) in FILES.into_iter().chain([("meshio.ele", false)]) {
+        let whole = bytes(name);
+        // An `.inp` says neither how much there is nor where it ends: what is missing of its last sets nobody can see.
+        let parts: &[usize] = if name.ends_with("inp") {
+            &[1, 3]
+        } else {
+            &[1, 3, 5, 7]
+        };
+        for part in parts {
+            let kept = whole.len() * part / 8;
+            let (error, memory) = broken(name, &whole[..kept]);
+            let error =
+                error.unwrap_or_else(|| panic!("{name} is read from its first {kept} bytes"));
+            assert!(
+                error.len() > 20 && memory < MOST_MEMORY,
+                "{name}: {error}, {memory} bytes"
+            );
+            count += 1;
+        }
+    }
+    assert_eq!(count, 74);
+}
+
+/// At any byte: never more memory, and no panic.
+#[test]
+fn files_that_are_cut_or_changed_anywhere_are_read_or_refused() {
+    let mut random = 0x2545_f491_4f6c_dd1d_u64;
+    let mut next = |below: usize| {
+        random ^= random << 13;
+        random ^= random >> 7;
+        random ^= random << 17;
+        (random % below as u64) as usize
+    };
+    let mut refused = 0;
+    for (name, _) in FILES.into_iter().chain([("meshio.ele", false)]) {
+        let whole = bytes(name);
+        for change in 0..150 {
+            let mut bytes = whole.clone();
+            match change % 3 {
+                0 => bytes.truncate(next(whole.len())),
+                1 => bytes[next(whole.len())] ^= 1 << next(8),
+                // Four bytes of ones: a huge count in any coding of bytes.
+                _ => {
+                    let at = next(whole.len() - 4);
+                    bytes[at..at + 4].fill(if name.contains("binary") { 0x7f } else { b'9' });
+                }
+            }
+            let (error, memory) = broken(name, &bytes);
+            assert!(memory < MOST_MEMORY, "{name}: {memory} bytes, {error:?}");
+            refused += u32::from(error.is_some());
+        }
+    }
+    assert!(refused > 1000, "{refused}");
+}
+
+/// What one change makes of a file of text, and what the error says.
+const BROKEN: &[(&str, &str, &str, &[&str])] = &[
+    (
+        "gmsh22-ascii.msh",
+        "$Nodes\n84",
+        "$Nodes\n99999999999",
+        &["line", "a node: number x y z"],
+    ),
+    (
+        "gmsh22-ascii.msh",
+        "$Nodes\n84",
+        "$Nodes\n-1",
+        &["line", "number of nodes", "-1"],
+    ),
+    (
+        "gmsh22-ascii.msh",
+        "2.2 0 8",
+        "1.0 0 8",
+        &["line 2", "gmsh format 1.0"],
+    ),
+    (
+        "gmsh22-ascii.msh",
+        " 4 2 9 ",
+        " 5 2 9 ",
+        &["element 291", "5 of gmsh", "8-node hexahedron"],
+    ),
+    (
+        "gmsh22-ascii.msh",
+        " 4 2 9 ",
+        " 999 2 9 ",
+        &["999 of gmsh", "no type that is known"],
+    ),
+    (
+        "gmsh22-ascii.msh",
+        " 4 2 9 ",
+        " 4 99999999999 9 ",
+        &["line", "the end of the line"],
+    ),
+    (
+        "gmsh22-ascii.msh",
+        "$EndNodes",
+        "$EndKnots",
+        &["line", "$EndNodes", "$EndKnots"],
+    ),
+    (
+        "gmsh22-binary.msh",
+        "$Nodes\n84",
+        "$Nodes\n9999999999",
+        &["byte", "node"],
+    ),
+    (
+        "gmsh22-binary.msh",
+        "2.2 1 8",
+        "2.2 1 4",
+        &["numbers of 4 bytes"],
+    ),
+    (
+        "gmsh22-binary.msh",
+        "2.2 1 8",
+        "2.2 7 8",
+        &["0 for text, 1 for bytes", "7"],
+    ),
+    (
+        "gmsh41-ascii.msh",
+        "4.1 0 8",
+        "4.0 0 8",
+        &["gmsh format 4.0", "msh41"],
+    ),
+    (
+        "gmsh41-ascii.msh",
+        "$Elements",
+        "$Elephants",
+        &["$EndElephants"],
+    ),
+    (
+        "gmsh41-ascii.msh",
+        "$EndElements",
+        "$EndElephants",
+        &["$EndElements"],
+    ),
+    (
+        "gmsh41-order2.msh",
+        "4.1 0 8",
+        "4.1 0 eight",
+        &["line 2", "eight"],
+    ),
+    (
+        "gmsh.mesh",
+        "MeshVersionFormatted",
+        "MeshVersion",
+        &["line 1", ".meshb"],
+    ),
+    ("gmsh.mesh", " 3\n", " 2\n", &["dimension 3", "2"]),
+    (
+        "gmsh.mesh",
+        " Vertices\n 84",
+        " Vertices\n 9999999999999",
+        &["line", "coordinates"],
+    ),
+    (
+        "gmsh.mesh",
+        " Tetrahedra\n 218",
+        " Tetrahedra\n 9999999999999",
+        &["line", "a node of a cell"],
+    ),
+    ("gmsh.mesh", " Tetrahedra", " Hexahedra", &["hexahedron"]),
+    ("gmsh.mesh", " Tetrahedra", " Triangles", &["no Tetrahedra"]),
+    ("gmsh.inp", "C3D4", "C3D8R", &["C3D8R", "hexahedron"]),
+    ("gmsh.inp", "C3D4", "C3D10", &["10 nodes", "4 nodes"]),
+    ("gmsh.inp", "*NODE", "*KNOT", &["no *NODE"]),
+    ("gmsh.inp", "type=C3D4", "kind=C3D4", &["TYPE such as C3D4"]),
+    (
+        "gmsh.inp",
+        "1, 0, 0, 20",
+        "1, 0, x, 20",
+        &["line 4", "a node: number, x, y, z"],
+    ),
+    (
+        "gmsh.inp",
+        "1, 0, 0, 20",
+        "2, 0, 0, 20",
+        &["line 5", "node 2 is given twice"],
+    ),
+    (
+        "gmsh.inp",
+        "*Heading",
+        "*Include, input=a.inp",
+        &["*INCLUDE", "in its place"],
+    ),
+    ("meshio.node", "84 3", "84 2", &[".node", "dimension 3"]),
+    (
+        "meshio.node",
+        "84 3",
+        "99999999999 3",
+        &[".node", "cut off"],
+    ),
+    ("meshio.ele", "218 4", "218 8", &[".ele", "4 or 10 nodes"]),
+    ("meshio.ele", "218 4", "99999999999 4", &[".ele", "cut off"]),
+    (
+        "meshio.ele",
+        "218 4 1",
+        "218 4 99999999999",
+        &[".ele", "the end of the line"],
+    ),
+    (
+        "meshio42-ascii.vtk",
+        "POINTS 84",
+        "POINTS 99999999999",
+        &["line", "coordinate"],
+    ),
+    (
+        "meshio42-ascii.vtk",
+        "UNSTRUCTURED_GRID",
+        "POLYDATA",
+        &["UNSTRUCTURED_GRID", "POLYDATA"],
+    ),
+    (
+        "meshio42-binary.vtk",
+        "POINTS 84",
+        "POINTS 99999999999",
+        &["byte", "cut off"],
+    ),
+    (
+        "meshio42-binary.vtk",
+        "CELL_TYPES 218",
+        "CELL_TYPES 999999999",
+        &["byte", "cut off"],
+    ),
+    (
+        "meshio42-binary.vtk",
+        "BINARY",
+        "OCTAL",
+        &["ASCII or BINARY", "OCTAL"],
+    ),
+    (
+        "vtk51-ascii.vtk",
+        "OFFSETS vtktypeint64",
+        "OFFSETS vtktypeword",
+        &["vtktypeword"],
+    ),
+    (
+        "vtk51-ascii.vtk",
+        "CELLS 219",
+        "CELLS 999999999",
+        &["an offset"],
+    ),
+    (
+        "vtk51-binary.vtk",
+        "CELLS 219 872",
+        "CELLS 219 99999999999",
+        &["byte", "cut off"],
+    ),
+    (
+        "vtk-ascii.vtu",
+        "NumberOfPoints=\"84\"",
+        "NumberOfPoints=\"99999999999\"",
+        &["99999999999 points as announced", "84"],
+    ),
+    (
+        "vtk-ascii.vtu",
+        "NumberOfCells=\"218\"",
+        "NumberOfCells=\"many\"",
+        &["NumberOfCells", "many"],
+    ),
+    (
+        "vtk-ascii.vtu",
+        "UnstructuredGrid\"",
+        "PolyData\"",
+        &["line 1", "PolyData"],
+    ),
+    (
+        "vtk-ascii.vtu",
+        "Name=\"types\"",
+        "Name=\"kinds\"",
+        &["no types"],
+    ),
+    (
+        "vtk-ascii.vtu",
+        "type=\"Int64\"",
+        "type=\"Int65\"",
+        &["line", "Int65"],
+    ),
+    (
+        "vtk-base64.vtu",
+        "BigEndian",
+        "MiddleEndian",
+        &["LittleEndian or BigEndian"],
+    ),
+    (
+        "vtk-base64-zlib.vtu",
+        "vtkZLibDataCompressor",
+        "vtkLZMADataCompressor",
+        &["line 1", "vtkLZMADataCompressor", "vtkZLibDataCompressor"],
+    ),
+    (
+        "vtk-base64-zlib.vtu",
+        "UInt64\" compressor",
+        "UInt65\" compressor",
+        &["UInt65"],
+    ),
+    (
+        "vtk-raw.vtu",
+        "offset=\"13392\"",
+        "offset=\"99999999999\"",
+        &["line", "appended bytes"],
+    ),
+    (
+        "vtk-raw.vtu",
+        "<AppendedData encoding=\"raw\">",
+        "<AppendedData encoding=\"cooked\">",
+        &["raw or base64", "cooked"],
+    ),
+    (
+        "vtk-raw-zlib.vtu",
+        " compressor=\"vtkZLibDataCompressor\"",
+        "",
+        &["cut off"],
+    ),
+];
+
+#[test]
+fn what_is_wrong_is_named_by_its_place() {
+    for (name, from, to, said) in BROKEN {
+        let whole = bytes(name);
+        let at = whole
+            .windows(from.len())
+            .position(|window| window == from.as_bytes());
+        let Some(at) = at else {
+            panic!("{name} has no {from:?}")
+        };
+        let mut bytes = whole[..at].to_vec();
+        bytes.extend(to.as_bytes());
+        bytes.extend(&whole[at + from.len()..]);
+        let (error, memory) = broken(name, &bytes);
+        let error = error.unwrap_or_else(|| panic!("{name} with {to:?} is read"));
+        for words in *said {
+            assert!(
+                error.contains(words),
+                "{name} with {to:?}: no {words} in: {error}"
+            );
+        }
+        assert!(memory < MOST_MEMORY, "{name} with {to:?}: {memory} bytes");
+    }
+}
+
+/// A tetrahedron of ten nodes, one of them moved by a tenth of its edge, or to where no middle is.
+#[test]
+fn curved_edges_are_said_and_misplaced_mid_nodes_refused() {
+    let file = |x: f64| {
+        format!(
+            "MeshVersionFormatted 2\nDimension 3\nVertices 10\n0 0 0 1\n1 0 0 1\n0 1 0 1\n0 0 1 1\n\
+             {x} 0 0 1\n0.5 0.5 0 1\n0 0.5 0 1\n0 0 0.5 1\n0.5 0 0.5 1\n0 0.5 0.5 1\n\
+             TetrahedraP2 1\n1 2 3 4 5 6 7 8 9 10 4\nEnd\n"
+        )
+    };
+    let read = |x| read_raw_mesh_with(Path::new("a.mesh"), 1.0, |_| Ok(file(x).into_bytes()));
+    let straight = read(0.5).expect("a mesh");
+    assert_eq!((straight.points_m.len(), straight.regions[0]), (4, 4));
+    assert!(
+        straight.notes[0].contains("6 nodes in the middle"),
+        "{:?}",
+        straight.notes
+    );
+    let curved = read(0.6).expect("a mesh");
+    let note = &curved.notes[0];
+    assert!(
+        note.contains("1 cells have curved edges") && note.contains("10.0 %"),
+        "{note}"
+    );
+    let error = read(2.0).expect_err("no middle").to_string();
+    assert!(
+        error.contains("element 1 (") && error.contains("middle of the edge"),
+        "{error}"
+    );
+}
+
+#[test]
+fn cleaning_drops_unused_nodes_turns_cells_and_keeps_regions() {
+    let mut mesh = read_raw_mesh(&path("gmsh41-binary.msh"), 1e-3).expect("a mesh");
+    let sound = mesh.clone();
+    for cell in mesh.cells.iter_mut().step_by(3) {
+        cell.swap(0, 1);
+    }
+    mesh.points_m.insert(0, [1.0; 3]);
+    mesh.points_m.push([2.0; 3]);
+    for node in mesh.cells.iter_mut().flatten() {
+        *node += 1;
+    }
+    let done = mesh.clean();
+    assert_eq!((done.dropped_nodes, done.turned_cells), (2, 73));
+    assert_eq!(
+        (&mesh.points_m, &mesh.regions),
+        (&sound.points_m, &sound.regions)
+    );
+    let volume = |mesh: &RawMesh| {
+        let report = sutura_mesh::MeshReport::of(mesh).expect("a report");
+        (report.inverted, report.volume_m3)
+    };
+    assert_eq!(volume(&mesh).0, 0);
+    assert!((volume(&mesh).1 - volume(&sound).1).abs() < 1e-18);
+    assert!(mesh.check().is_ok());
+}
