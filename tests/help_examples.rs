@@ -194,6 +194,15 @@ const EXAMPLES: &[(&str, Way)] = &[
         "sutura mesh convert part.inp --out part.msh --clean",
         Ends(&["part.msh"]),
     ),
+    // gmsh may not be there.
+    (
+        "sutura mesh fill liver.stl --nodes 1500 --out liver.msh --scale 0.001",
+        EndsWith(&[0, 1]),
+    ),
+    (
+        "sutura mesh fill liver.stl --nodes 300 --out liver.vtu --format json",
+        EndsWith(&[0, 1]),
+    ),
     (
         "sutura mesh convert part.msh --out part.vtu",
         Ends(&["part.vtu"]),
@@ -402,6 +411,8 @@ fn folder() -> tempfile::TempDir {
         at.join("large.msh"),
     )
     .unwrap();
+    let ring = root().join("tests/data/ring.stl");
+    std::fs::copy(ring, at.join("liver.stl")).unwrap();
     let deck = root().join("tests/data/meshes/gmsh.inp");
     std::fs::copy(deck, at.join("part.inp")).unwrap();
     for name in ["part.vtk", "part.node", "part.msh"] {

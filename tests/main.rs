@@ -7,6 +7,8 @@ mod cli_default;
 mod cli_doctor;
 mod cli_fidelity;
 mod cli_mesh;
+#[cfg(unix)]
+mod cli_mesh_fill;
 mod cli_models;
 mod cli_scene;
 mod cli_solve;

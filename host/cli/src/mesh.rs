@@ -1,4 +1,8 @@
-//! `sutura mesh`: what a mesh file is like, and the same mesh in another format.
+//! `sutura mesh`: what a mesh file is like, the same mesh in another format, and one inside a closed surface.
+
+mod fill;
+
+pub use fill::Filled;
 
 use crate::failure::{Cause, Failure};
 use crate::{Format, Global, display, files};
@@ -11,7 +15,7 @@ use sutura_host::output::{MeshFormat, write_mesh};
 use sutura_host::scene::unlikely_size;
 use sutura_study::trial::{Trial, trial};
 
-/// Looks at tetrahedral mesh files and converts them: gmsh, tetgen, VTK, medit, abaqus.
+/// Looks at tetrahedral mesh files, converts them (gmsh, tetgen, VTK, medit, abaqus), and fills closed surfaces.
 #[derive(Args, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct MeshArgs {
@@ -22,7 +26,8 @@ pub struct MeshArgs {
 const EXAMPLES: &str = "\
 Examples:
   sutura mesh info tests/data/cube_1650.msh
-  sutura mesh convert part.node --out part.msh";
+  sutura mesh convert part.node --out part.msh
+  sutura mesh fill liver.stl --nodes 1500 --out liver.msh --scale 0.001";
 
 const INFO_EXAMPLES: &str = "\
 Examples:
@@ -44,6 +49,15 @@ Examples:
   sutura mesh convert part.vtk --out part.msh --scale 0.001  millimetres to metres
   sutura mesh convert part.inp --out part.msh --clean       nodes without cells dropped, inverted cells turned
   sutura mesh convert part.msh --out part.vtu               ParaView: colour by mean_ratio or region";
+
+const FILL_EXAMPLES: &str = "\
+Examples:
+  sutura mesh fill liver.stl --nodes 1500 --out liver.msh --scale 0.001  a surface in millimetres; the mesh is in metres
+  sutura mesh fill liver.stl --nodes 300 --out liver.vtu --format json
+
+gmsh does it, a program of its own: pip install gmsh, or apt install gmsh. It meshes the surface anew with triangles of one size, and the
+inside with tetrahedra; it runs with one size after another until there are about as many nodes as asked for, within a tenth.
+A surface that is open, turned over in places, or crosses itself is refused, with the triangles by their number, from 0.";
 
 #[derive(Subcommand, Debug)]
 enum MeshCommand {
@@ -71,6 +85,9 @@ enum MeshCommand {
         #[arg(long)]
         clean: bool,
     },
+    /// Fills a closed surface with tetrahedra, by gmsh: about as many nodes as asked for.
+    #[command(after_help = FILL_EXAMPLES)]
+    Fill(fill::FillArgs),
 }
 
 #[derive(Args, Debug)]
@@ -90,6 +107,7 @@ pub fn run(args: &MeshArgs, global: &Global) -> Result<(), Failure> {
     match &args.command {
         MeshCommand::Info { input, time, rows } => info(input, *time, *rows, global),
         MeshCommand::Convert { input, out, clean } => convert(input, out, *clean, global),
+        MeshCommand::Fill(args) => fill::fill(args, global),
     }
 }
 
@@ -201,26 +219,32 @@ fn info(input: &Input, time: bool, rows: u32, global: &Global) -> Result<(), Fai
     } else {
         Err(format!("{} nodes: ask for it with --time", report.nodes))
     };
-    let largest_m = report.size_m.iter().copied().fold(0.0, f64::max);
-    let hints = unlikely_size(largest_m, "--scale").into_iter();
-    let hints = hints.map(|(message, help)| Hint { message, help });
+    let warnings = hints(&report);
     match global.format {
         Format::Json => display::object(&Info {
             status: "ok",
             file: input.file.display().to_string(),
             times: Times::of(&trial),
-            warnings: hints.collect(),
+            warnings,
             report,
         }),
         Format::Text => {
             print_text(&input.file, &report);
             print_times(&trial);
-            for hint in hints {
+            for hint in warnings {
                 say!("{}: {}", hint.message, hint.help);
             }
         }
     }
     Ok(())
+}
+
+fn hints(report: &MeshReport) -> Vec<Hint> {
+    let largest_m = report.size_m.iter().copied().fold(0.0, f64::max);
+    let hints = unlikely_size(largest_m, "--scale").into_iter();
+    hints
+        .map(|(message, help)| Hint { message, help })
+        .collect()
 }
 
 /// Times of a step on the mesh, or why there are none.

@@ -91,6 +91,7 @@ const OUTPUTS: &[Output] = &[
         "sutura mesh convert",
         of::<crate::mesh::Converted>,
     ),
+    output("mesh-fill", "sutura mesh fill", of::<crate::mesh::Filled>),
     output("doctor", "sutura doctor", of::<crate::doctor::Looked>),
     output(
         "device-list",

@@ -1,0 +1,232 @@
+//! `sutura mesh fill`: what of a surface is refused, how the number of nodes is met, and what gmsh's failures become.
+//!
+//! A script stands in for gmsh: it takes the size of cells out of the script that it is given, and hands back one of some
+//! meshes that the test made. With `SUTURA_FULL=1` gmsh itself has to be on `PATH`.
+
+use crate::full::full;
+use crate::support::{Ran, ran, sutura_in};
+use serde_json::Value;
+use std::fmt::Write;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use std::process::Command;
+
+type Triangle = [[f64; 3]; 3];
+
+/// The twelve triangles of a box from `low` on, counter-clockwise from outside.
+fn cuboid(low: [f64; 3], size: f64) -> Vec<Triangle> {
+    let corner = |k: usize| [0, 1, 2].map(|axis| low[axis] + size * ((k >> axis) & 1) as f64);
+    let sides = [
+        [0, 2, 3, 1],
+        [4, 5, 7, 6],
+        [0, 1, 5, 4],
+        [2, 6, 7, 3],
+        [0, 4, 6, 2],
+        [1, 3, 7, 5],
+    ];
+    let halves = |[a, b, c, d]: [usize; 4]| [[a, b, c], [a, c, d]].map(|t| t.map(corner));
+    sides.into_iter().flat_map(halves).collect()
+}
+
+fn stl(path: &Path, triangles: &[Triangle]) {
+    let mut text = String::from("solid box\n");
+    for triangle in triangles {
+        text.push_str("facet normal 0 0 0\nouter loop\n");
+        for [x, y, z] in triangle {
+            writeln!(text, "vertex {x} {y} {z}").expect("a string");
+        }
+        text.push_str("endloop\nendfacet\n");
+    }
+    text.push_str("endsolid box\n");
+    std::fs::write(path, text).expect("writable");
+}
+
+/// A folder with a box of 30 mm in millimetres and a stand-in for gmsh.
+fn folder(gmsh: &str) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = folder.path();
+    stl(&at.join("box.stl"), &cuboid([0.0; 3], 30.0));
+    let program = at.join("bin/gmsh");
+    std::fs::create_dir(at.join("bin")).expect("a folder");
+    std::fs::write(&program, format!("#!/bin/sh\n{gmsh}")).expect("writable");
+    let mode = std::fs::Permissions::from_mode(0o755);
+    std::fs::set_permissions(&program, mode).expect("executable");
+    folder
+}
+
+/// `sutura mesh fill` in the folder, with its `bin` before all else on `PATH`.
+fn fill(at: &Path, arguments: &[&str]) -> Ran {
+    let path = std::env::var("PATH").unwrap_or_default();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_sutura"));
+    command
+        .current_dir(at)
+        .args(["mesh", "fill"])
+        .args(arguments);
+    ran(command.env("PATH", format!("{}:{path}", at.join("bin").display())))
+}
+
+/// Hands back `mesh-K.msh` for cells with edges of a K-th of the box, K from 1 to 9, and notes each size.
+const STAND_IN: &str = r#"
+h=$(sed -n 's/^h = \(.*\);/\1/p' "$1")
+k=$(awk -v h="$h" 'BEGIN { k = int(30 / h + 0.5); if (k < 1) k = 1; if (k > 9) k = 9; print k }')
+test -f surface.stl || exit 3
+echo "$h $k" >> "$(dirname "$0")/sizes"
+cp "$(dirname "$0")/mesh-$k.msh" filled.msh
+"#;
+
+#[test]
+fn sizes_are_tried_until_the_nodes_are_near() {
+    let folder = folder(STAND_IN);
+    let at = folder.path();
+    for k in 1..=9usize {
+        let slab = sutura_host::mesh::slab([30.0; 3], [k; 3]).expect("a slab");
+        let raw = sutura_host::mesh::RawMesh::new(
+            slab.points_m().to_vec(),
+            slab.cells().to_vec(),
+            Vec::new(),
+        );
+        let path = at.join(format!("bin/mesh-{k}.msh"));
+        let format = sutura_host::output::MeshFormat::of(&path).expect("a format");
+        sutura_host::output::write_mesh(&raw, &path, format).expect("written");
+    }
+    // 6 cubes along each edge have 7^3 nodes.
+    let arguments = [
+        "box.stl", "--nodes", "350", "--out", "box.msh", "--scale", "0.001",
+    ];
+    let result = fill(at, &[&arguments[..], &["--format", "json"]].concat());
+    assert_eq!(result.code, 0, "{}", result.stderr);
+    let report = result.json();
+    assert_eq!(
+        (&report["nodes"], &report["triangles"]),
+        (&343.into(), &12.into())
+    );
+    assert_eq!(
+        (&report["wanted_nodes"], &report["usable"]),
+        (&350.into(), &true.into())
+    );
+    assert_eq!(
+        report["size_m"][0].as_f64().map(|x| (1e6 * x).round()),
+        Some(3e4)
+    );
+    assert!(report["step_us"].as_f64() > Some(0.0), "{report}");
+    let sizes = std::fs::read_to_string(at.join("bin/sizes")).expect("it ran");
+    assert_eq!(report["runs"].as_u64(), Some(sizes.lines().count() as u64));
+    let info = sutura_in(at, &["mesh", "info", "box.msh", "--format", "json"]).json();
+    assert_eq!(
+        (&info["nodes"], &info["size_m"]),
+        (&report["nodes"], &report["size_m"])
+    );
+    // Between 8 and 27 nodes there are none: the nearest, and a word about it.
+    let far = fill(
+        at,
+        &[
+            "box.stl", "--nodes", "20", "--out", "few.msh", "--scale", "0.001",
+        ],
+    );
+    assert_eq!(far.code, 0, "{}", far.stderr);
+    assert!(
+        far.stderr
+            .contains("20 nodes were asked for, 27 is as near"),
+        "{}",
+        far.stderr
+    );
+}
+
+#[test]
+fn surfaces_that_cannot_be_filled_are_refused_by_their_triangles() {
+    let folder = folder("echo gmsh ran; exit 1");
+    let at = folder.path();
+    let whole = cuboid([0.0; 3], 30.0);
+    stl(&at.join("open.stl"), &whole[..11]);
+    let mut turned = whole.clone();
+    turned[3].swap(0, 1);
+    stl(&at.join("turned.stl"), &turned);
+    // A second box, whose corner is inside the first.
+    let both = [whole.clone(), cuboid([20.0, 19.0, 18.0], 30.0)].concat();
+    stl(&at.join("crossing.stl"), &both);
+    std::fs::write(at.join("part.ply"), "ply\n").expect("writable");
+    std::fs::write(at.join("words.stl"), "no surface\n").expect("writable");
+    for (file, said) in [
+        ("open.stl", ["the surface is open: triangle", "Close Holes"]),
+        ("turned.stl", ["turned over", "Re-Orient"]),
+        ("crossing.stl", ["cross each other", "Union"]),
+        ("part.ply", ["part.ply", "meshio convert"]),
+        ("words.stl", ["words.stl", "no STL"]),
+        ("none.stl", ["cannot read none.stl", "No such file"]),
+    ] {
+        let ran = fill(
+            at,
+            &[file, "--nodes", "300", "--out", "a.msh", "--scale", "0.001"],
+        );
+        assert_eq!(ran.code, 2, "{file}: {}", ran.stderr);
+        // A terminal's lines are cut: words, not the line.
+        let text = ran
+            .stderr
+            .split_whitespace()
+            .filter(|word| *word != "\u{2502}");
+        let text = text.collect::<Vec<_>>().join(" ");
+        for words in said {
+            assert!(text.contains(words), "{file}: no {words} in {text}");
+        }
+        assert!(!text.contains("gmsh ran") && !at.join("a.msh").exists());
+    }
+    // Side by side they do not cross.
+    let apart = [whole, cuboid([40.0, 0.0, 0.0], 30.0)].concat();
+    stl(&at.join("apart.stl"), &apart);
+    let ran = fill(at, &["apart.stl", "--nodes", "300", "--out", "a.msh"]);
+    assert!(
+        ran.code == 1 && ran.stderr.contains("gmsh ran"),
+        "{}",
+        ran.stderr
+    );
+}
+
+#[test]
+fn failures_of_gmsh_are_told_with_its_words() {
+    let failing = folder("echo 'Error   : Could not recover boundary'; exit 0");
+    let arguments = ["box.stl", "--nodes", "300", "--out", "a.msh"];
+    let ran = fill(failing.path(), &arguments);
+    assert_eq!(ran.code, 1, "{}", ran.stderr);
+    assert!(
+        ran.stderr.contains("Could not recover boundary"),
+        "{}",
+        ran.stderr
+    );
+    let garbled = folder("echo nonsense > filled.msh");
+    let ran = fill(garbled.path(), &arguments);
+    assert_eq!(ran.code, 1, "{}", ran.stderr);
+    assert!(ran.stderr.contains("$MeshFormat"), "{}", ran.stderr);
+    // Nothing of that name on `PATH`.
+    let none = failing.path().join("nowhere");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_sutura"));
+    command
+        .current_dir(failing.path())
+        .args(["mesh", "fill"])
+        .args(arguments);
+    let ran = crate::support::ran(command.env("PATH", none));
+    assert_eq!(ran.code, 1, "{}", ran.stderr);
+    assert!(ran.stderr.contains("pip install gmsh"), "{}", ran.stderr);
+}
+
+/// The real program on the ring of 256 triangles.
+#[test]
+fn gmsh_fills_a_ring() {
+    if !full() {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = folder.path();
+    let ring = crate::support::root().join("tests/data/ring.stl");
+    std::fs::copy(ring, at.join("ring.stl")).expect("a copy");
+    let arguments = [
+        "mesh", "fill", "ring.stl", "--nodes", "1000", "--out", "ring.msh",
+    ];
+    let more = ["--scale", "0.001", "--format", "json"];
+    let ran = sutura_in(at, &[&arguments[..], &more[..]].concat());
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let report: Value = ran.json();
+    let nodes = report["nodes"].as_f64().expect("a number");
+    assert!((nodes / 1000.0 - 1.0).abs() <= 0.1, "{nodes}");
+    assert_eq!(report["usable"], true, "{report}");
+    assert_eq!(report["regions"][0]["name"], "tissue");
+}
