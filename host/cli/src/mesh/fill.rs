@@ -277,14 +277,14 @@ fn volume_m3(surface: &ClosedMesh) -> f64 {
 }
 
 /// One mesh, in metres, of cells with edges of about this length. The surface is meshed anew: that of a segmentation has
-/// steps of its voxels, and never the size that is wanted. Edges sharper than 60 degrees stay: the steps of marching cubes
-/// are of 45 and 55, and as edges of patches they are more than gmsh can flatten.
+/// steps of its voxels, and never the size that is wanted. Edges sharper than 85 degrees stay: the steps of marching cubes
+/// are of 45 to 70, and as edges of patches they are more than gmsh can flatten.
 fn run_gmsh(folder: &Path, edge_m: f64, scale: f64) -> Result<RawMesh, Failure> {
     let edge = edge_m / scale;
     let script = format!(
         "h = {edge:e};\n\
          Merge \"surface.stl\";\n\
-         ClassifySurfaces{{60*Pi/180, 1, 1, Pi}};\n\
+         ClassifySurfaces{{85*Pi/180, 1, 1, Pi}};\n\
          CreateGeometry;\n\
          Surface Loop(1) = Surface{{:}};\n\
          Volume(1) = {{1}};\n\
