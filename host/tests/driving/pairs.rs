@@ -148,7 +148,7 @@ fn lies() -> [(Vector3<f64>, UnitQuaternion<f64>); 6] {
         (Vector3::new(0.0, aside, 0.002), turn(0.0, 0.0)),
         (Vector3::new(0.0, aside, 0.002), turn(2e-4, 3e-3)),
         // Its end is on the side of the first.
-        (Vector3::new(0.0, aside + 0.012, 0.002), turn(1.5707, 0.02)),
+        (Vector3::new(0.0, aside + 0.012, 0.002), turn(1.57, 0.02)),
         // Both ends.
         (Vector3::new(6e-4, 2e-4, 0.027 + aside), turn(0.05, 0.0)),
         (Vector3::new(6e-4, 1e-3, 0.027 + aside), turn(0.0, 3.1)),

@@ -16,7 +16,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use sutura_host::mesh::{MeshReport, RawMesh, read_raw_mesh};
-use sutura_host::tool::{ClosedMesh, read_stl};
+use sutura_host::tool::{ClosedMesh, MeshFlaw, read_stl};
 
 /// The number of nodes counts as met within this part of it.
 const CLOSE: f64 = 0.1;
@@ -145,10 +145,11 @@ fn read_surface(path: &Path, scale: f64) -> Result<(Vec<u8>, ClosedMesh), Failur
     })?;
     let surface = read_stl(&bytes, scale).map_err(|flaw| {
         let message = format!("{}: {flaw}", path.display());
-        refuse(
-            message,
-            "mend the surface there: MeshLab's \"Close Holes\" and \"Re-Orient all faces\" do most",
-        )
+        let next = match flaw {
+            MeshFlaw::TooMany => "take fewer triangles: MeshLab's \"Quadric Edge Collapse Decimation\", or a coarser mask",
+            _ => "mend the surface there: MeshLab's \"Close Holes\" and \"Re-Orient all faces\" do most",
+        };
+        refuse(message, next)
     })?;
     if let Some([one, other]) = crossing(&surface) {
         let corner = surface.triangles()[one][0];
