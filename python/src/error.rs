@@ -27,7 +27,7 @@ pyo3::create_exception!(
     sutura,
     BusyError,
     Error,
-    "A solver or a console that another thread is using."
+    "A solver that another thread is using."
 );
 
 /// A diagnostic as the command shows it off a terminal: no colours, no wrapping.
