@@ -74,6 +74,8 @@ pub struct Model {
     pub(crate) tools: Vec<(u8, Tool)>,
     pub(crate) held: Arc<HeldPoints>,
     loads: Loads,
+    /// What hanging threads fall with \[m/s^2\], (3), if a scene says so.
+    pub(crate) gravity_m_per_s2: Option<[f64; 3]>,
     /// Forces of the handles at rest \[N\], (h x 3).
     handle_force_n: Vec<[f64; 3]>,
     /// Nodes of the mesh as given \[m\], (n x 3).
@@ -455,6 +457,7 @@ impl Model {
             tools: tools.to_vec(),
             held: Arc::new(HeldPoints::none()),
             loads,
+            gravity_m_per_s2: None,
             handle_force_n: Vec::new(),
             unloaded_m: mesh.points_m().to_vec(),
             resting_m,
@@ -463,6 +466,19 @@ impl Model {
             touchable_normal,
             sources: None,
         }
+    }
+
+    /// Has threads that hang fall with this \[m/s^2\], (3). What the tissue weighs is among its loads.
+    pub fn with_gravity(mut self, gravity_m_per_s2: [f64; 3]) -> Self {
+        self.gravity_m_per_s2 = Some(gravity_m_per_s2);
+        self
+    }
+
+    /// Farthest way of a node from the unloaded mesh to where its loads and handles bring it \[m\].
+    pub fn sag_m(&self) -> f64 {
+        let ways = self.unloaded_m.iter().zip(&self.resting_m);
+        let ways = ways.map(|(from, to)| (Vector3::from(*to) - Vector3::from(*from)).norm());
+        ways.fold(0.0, f64::max)
     }
 
     /// Adds needles to a model of `mesh`; `tissue` says how each cell answers them, or nothing if there are no needles.

@@ -59,8 +59,8 @@ pub fn solve(scene: &Scene) -> Result<Solution, SolveError> {
         .filter_map(|tool| Some((tool.id, tool.shape.clone(), tool.pose?)))
         .collect();
     let without = !scene.depends_on_way();
-    if scene.loads.forces.is_empty() && scene.loads.handles.is_empty() && held.is_empty() && without
-    {
+    let acting = scene.acting();
+    if acting.forces.is_empty() && acting.handles.is_empty() && held.is_empty() && without {
         return Err(SolveError::Nothing);
     }
     let mut solver = SceneSolver::apart(scene)?;

@@ -8,6 +8,7 @@ mod corotational;
 mod driving;
 mod fem_models;
 mod fresh_workspace;
+mod gravity;
 mod half_faces;
 mod hyperelastic;
 mod jaws;

@@ -10,11 +10,13 @@ use toml::Spanned;
 use toml::de::DeTable;
 
 /// Keys at the top of a scene's file, but for those by which it adds sources.
-pub const KEYS: [&str; 19] = [
+pub const KEYS: [&str; 21] = [
     "name",
     "seconds",
     "device",
     "solve_at_s",
+    "gravity_m_per_s2",
+    "settle",
     "mesh",
     "tissue",
     "region",
@@ -49,6 +51,13 @@ pub struct SceneFile {
     /// when left out.
     #[schemars(with = "Option<f64>")]
     pub solve_at_s: Option<Spanned<f64>>,
+    /// What tissue and threads fall with \[m/s^2\], (3), world frame; tissue weighs nothing when left out.
+    #[schemars(with = "Option<[f64; 3]>")]
+    pub gravity_m_per_s2: Option<Spanned<[f64; 3]>>,
+    /// Whether the tissue begins at rest under its weight and its loads, as it does when left out; else it begins as the mesh
+    /// has it, and the first solves bring it to rest.
+    #[schemars(with = "Option<bool>")]
+    pub settle: Option<Spanned<bool>>,
     /// Where the tissue is.
     #[schemars(with = "MeshSection")]
     pub mesh: Spanned<MeshSection>,
@@ -205,6 +214,14 @@ pub enum TissueModel {
 }
 
 impl TissueModel {
+    /// Whether its density is that of masses which move, besides what it weighs.
+    pub fn has_mass(self) -> bool {
+        !matches!(
+            self,
+            TissueModel::Linear | TissueModel::Corotational | TissueModel::Hyperelastic
+        )
+    }
+
     /// As the file writes it.
     pub fn word(self) -> &'static str {
         match self {
@@ -237,7 +254,7 @@ pub struct TissueSection {
     /// Poisson's ratio.
     #[schemars(with = "f64")]
     pub poisson_ratio: Spanned<f64>,
-    /// Density \[kg/m^3\], for models with masses; 1050 when left out.
+    /// Density \[kg/m^3\], for weight under `gravity_m_per_s2`, and for models with masses, where it is 1050 when left out.
     #[schemars(with = "Option<f64>")]
     pub density_kg_per_m3: Option<Spanned<f64>>,
     /// How the tissue answers needles; scenes with needles need it.
@@ -286,6 +303,9 @@ pub struct RegionSection {
     /// Poisson's ratio.
     #[schemars(with = "f64")]
     pub poisson_ratio: Spanned<f64>,
+    /// Density \[kg/m^3\], for weight under `gravity_m_per_s2`; that of `[tissue]` when left out.
+    #[schemars(with = "Option<f64>")]
+    pub density_kg_per_m3: Option<Spanned<f64>>,
     /// How this part answers needles, where it does so in its own way.
     #[schemars(with = "Option<NeedleTissueSection>")]
     pub needle: Option<Spanned<NeedleTissueSection>>,

@@ -5,6 +5,7 @@
 use super::error::TissueError;
 use super::handles::{Anchor, Handle};
 use super::numbering::Numbering;
+use crate::mesh::TetMesh;
 
 /// A force on one node.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,6 +39,28 @@ pub struct Equilibrium {
     pub node_force_n: Vec<[f64; 3]>,
     /// Largest unbalanced force on a free node over the largest force on any node.
     pub residual: f64,
+}
+
+/// Mass of a mesh \[kg\], and the weight of each of its nodes: a quarter of that of each of its cells, which is what
+/// gravity does on linear shape functions. `density_kg_per_m3` is that of each cell, (m).
+pub fn weight(
+    mesh: &TetMesh,
+    density_kg_per_m3: &[f64],
+    gravity_m_per_s2: [f64; 3],
+) -> (f64, Vec<NodeLoad>) {
+    let mut masses = vec![0.0; mesh.points_m().len()];
+    for (cell, density) in mesh.cells().iter().zip(density_kg_per_m3) {
+        let [p0, p1, p2, p3] = mesh.corners(*cell);
+        let volume_m3 = (p1 - p0).dot(&(p2 - p0).cross(&(p3 - p0))) / 6.0;
+        for node in cell {
+            masses[*node as usize] += 0.25 * density * volume_m3;
+        }
+    }
+    let on_nodes = (0u32..).zip(&masses).map(|(node, mass)| NodeLoad {
+        node,
+        force_n: gravity_m_per_s2.map(|g| mass * g),
+    });
+    (masses.iter().sum(), on_nodes.collect())
 }
 
 impl Loads {

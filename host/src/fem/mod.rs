@@ -33,7 +33,7 @@ pub use hyperelastic::{
     HyperelasticState, HyperelasticTissue, HyperelasticWorkspace, Hyperelasticity,
 };
 pub use linear_model::LinearModel;
-pub use loads::{Equilibrium, Loads, NodeLoad};
+pub use loads::{Equilibrium, Loads, NodeLoad, weight};
 pub use principal::{principal_stress_pa, von_mises_pa};
 pub use sutura_models::{Material, MaterialError, Materials};
 pub use tissue::LinearTissue;

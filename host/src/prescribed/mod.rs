@@ -78,6 +78,13 @@ pub enum PrescribedError {
     #[error("the tissue found no rest with the tools where the scene holds them: {}", .0.name())]
     #[diagnostic(help("move the tools' `position_m` less deep into the tissue"))]
     NoRest(Status),
+    /// What acts on it without tools could not be brought to balance.
+    #[error("the tissue found no rest under its weight and its loads: {}", .0.name())]
+    #[diagnostic(help(
+        "see that `youngs_modulus_pa` is in Pa and `density_kg_per_m3` in kg/m^3; make the tissue stiffer, or take `corotational` tissue, which says \
+         how far it would sag"
+    ))]
+    NoBalance(Status),
 }
 
 /// A model with its tools.
@@ -198,12 +205,17 @@ impl Prescribed {
         Ok(prescribed)
     }
 
-    /// Held tools come from outside, and what acts already acts until all rests.
+    /// Held tools come from outside, and what acts already acts until all rests; a scene without such tools may begin as the
+    /// mesh has it.
     fn bring_in(&mut self, scene: &Scene) -> Result<(), PrescribedError> {
         let held: Vec<_> = scene.held().collect();
-        if held.is_empty() && self.force_n.is_empty() {
+        if held.is_empty() && (self.force_n.is_empty() || !scene.settle) {
             return Ok(());
         }
+        let no_rest = match held.is_empty() {
+            true => PrescribedError::NoBalance,
+            false => PrescribedError::NoRest,
+        };
         let points = scene.mesh.points_m();
         let at = |from_outside: bool| -> Vec<ToolSample> {
             let samples = held.iter().map(|(tool, pose)| {
@@ -240,7 +252,7 @@ impl Prescribed {
                 }
                 Status::Ok => self.tally.converged > before,
                 Status::Behind => false,
-                _ => return Err(PrescribedError::NoRest(status)),
+                _ => return Err(no_rest(status)),
             };
             if rests {
                 return Ok(());
@@ -249,7 +261,7 @@ impl Prescribed {
         // Models that never are in balance rest after as many steps.
         match status {
             Status::Ok => Ok(()),
-            _ => Err(PrescribedError::NoRest(status)),
+            _ => Err(no_rest(status)),
         }
     }
 

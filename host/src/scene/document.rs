@@ -52,6 +52,28 @@ pub enum SceneError {
         /// What is missing.
         shortage: Shortage,
     },
+    /// Tissue that cannot bear its own weight.
+    #[error(
+        "the tissue finds no balance under its weight of {weight_n:.3} N and its loads, beyond {:.1} % of them: at small displacements it \
+         would sag by {:.1} mm, and it is {:.1} mm in size",
+        100.0 * share,
+        1e3 * sag_m,
+        1e3 * size_m
+    )]
+    #[diagnostic(help(
+        "see that `youngs_modulus_pa` is in Pa, `density_kg_per_m3` in kg/m^3 and `gravity_m_per_s2` in m/s^2; then make the tissue stiffer, or \
+         hold more of it by `[[fixed]]`"
+    ))]
+    Collapses {
+        /// Its weight \[N\].
+        weight_n: f64,
+        /// Part of what acts for which there is a balance.
+        share: f64,
+        /// How far linear tissue would go \[m\].
+        sag_m: f64,
+        /// Largest side of the box around it \[m\].
+        size_m: f64,
+    },
     /// The parts are good each by itself, but the solver cannot be built from them.
     #[error("the scene cannot be built: {0}")]
     #[diagnostic(help(

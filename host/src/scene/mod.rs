@@ -6,6 +6,7 @@ mod added;
 mod bodies;
 mod device;
 mod document;
+mod gravity;
 mod hand;
 mod jaws;
 mod needles;
@@ -27,6 +28,7 @@ mod way;
 pub use added::ADDED_KEYS;
 pub use device::{BUILT_IN as BUILT_IN_DEVICES, find_device, read_device};
 pub use document::{Document, Flaw, SceneError, Sources, nearest};
+pub use gravity::Gravity;
 pub use hand::{hand_script, position_at};
 pub use jaws::Jaws;
 pub use needles::{Hold, Needle, NeedleSolver};
@@ -80,6 +82,10 @@ pub struct Scene {
     pub materials: Materials,
     /// Its density \[kg/m^3\], for models with masses.
     pub density_kg_per_m3: f64,
+    /// What pulls on all of it, if the scene says so.
+    pub gravity: Option<Gravity>,
+    /// Whether it begins at rest under what acts on it, or as the mesh has it.
+    pub settle: bool,
     /// Cells with a material of their own, in the order of their sections.
     pub regions: Vec<Region>,
     /// Nodes that do not move, ascending.
@@ -326,7 +332,7 @@ impl Scene {
             .map(|tool| (tool.id, tool.shape.clone()))
             .collect();
         let (mesh, fixed) = (&self.mesh, &self.fixed[..]);
-        let (materials, loads) = (self.materials.clone(), self.loads.clone());
+        let (materials, loads) = (self.materials.clone(), self.acting());
         let model = match self.tissue {
             Tissue::Linear | Tissue::Auto => Model::new(mesh, materials, fixed, loads, &tools),
             Tissue::Corotational(settings) => {
@@ -345,8 +351,15 @@ impl Scene {
                 nodes: mesh.points_m().len(),
                 shortage,
             },
+            ModelError::Tissue(TissueError::NoEquilibrium { share, .. }) => {
+                self.collapse(share).unwrap_or(SceneError::Build(error))
+            }
             error => SceneError::Build(error),
         })?;
+        let model = match &self.gravity {
+            Some(gravity) => model.with_gravity(gravity.m_per_s2),
+            None => model,
+        };
         let model = self.add_needles(model);
         let jaws: Vec<_> = self.jaws.iter().map(|jaws| jaws.part).collect();
         let model = model.and_then(|model| model.with_jaws(mesh, &jaws));
@@ -380,7 +393,7 @@ impl Scene {
             most: MOST_HYPERELASTIC_PASSES,
             tolerance,
         };
-        let (loads, policy) = (self.loads.clone(), Policy::default());
+        let (loads, policy) = (self.acting(), Policy::default());
         Model::hyperelastic(
             &self.mesh,
             &substance,

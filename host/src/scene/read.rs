@@ -6,6 +6,7 @@ use super::added;
 use super::bodies::read_body_contacts;
 use super::device::find_device;
 use super::document::{Document, SceneError};
+use super::gravity::{read_density, read_gravity, read_settle};
 use super::hand::hand_script;
 use super::jaws::read_jaws;
 use super::needles::{read_needle_solver, read_needle_tissue, read_needles};
@@ -129,14 +130,21 @@ impl Scene {
         for load in &file.load {
             forces.extend(read_load(document, &mesh, load)?);
         }
-        Ok(Scene {
+        let gravity = read_gravity(document, &file, &mesh, &of_cell, &fixed, &mut warnings)?;
+        let density_kg_per_m3 = match &file.tissue.density_kg_per_m3 {
+            Some(value) => read_density(document, value)?,
+            None => DENSITY_KG_PER_M3,
+        };
+        let mut scene = Scene {
             name: file.name.clone().unwrap_or_else(|| name.to_owned()),
             seconds: read_seconds(document, &file)?,
             solve_at_s: read_solve_at(document, &file)?,
             mesh,
             tissue: read_tissue(document, &file.tissue)?,
             materials,
-            density_kg_per_m3: read_density(document, &file.tissue)?,
+            density_kg_per_m3,
+            gravity,
+            settle: true,
             regions,
             fixed,
             tools,
@@ -160,7 +168,11 @@ impl Scene {
             host: read_host(document, &file)?,
             warnings,
             notes,
-        })
+        };
+        let (settle, warning) = read_settle(document, file.settle.as_ref(), &scene)?;
+        scene.settle = settle;
+        scene.warnings.extend(warning);
+        Ok(scene)
     }
 }
 
@@ -273,14 +285,6 @@ fn read_mesh(document: &Document, section: &Spanned<MeshSection>) -> Result<TetM
             Err(document.flaw(section.span(), message, "file, slab or parts", Some(help)))
         }
     }
-}
-
-fn read_density(document: &Document, section: &TissueSection) -> Result<f64, SceneError> {
-    let Some(value) = &section.density_kg_per_m3 else {
-        return Ok(DENSITY_KG_PER_M3);
-    };
-    let help = "water has 1000, muscle 1060, fat 920";
-    document.number("density_kg_per_m3", value, "positive", |d| d > 0.0, help)
 }
 
 fn read_tissue(document: &Document, section: &TissueSection) -> Result<Tissue, SceneError> {

@@ -58,6 +58,7 @@ pub(super) fn read_materials(
             cuboid,
             youngs_modulus_pa,
             poisson_ratio,
+            density_kg_per_m3: _,
             needle: _,
         } = section.get_ref();
         let material = read_material(document, youngs_modulus_pa, poisson_ratio)?;

@@ -271,13 +271,14 @@ fn unknown(what: &str, word: &str, known: &[&str]) -> String {
 }
 
 impl Scene {
-    /// Force of its loads on every node \[N\], (n x 3); empty without loads.
+    /// Force of its loads and its weight on every node \[N\], (n x 3); empty without either.
     pub(crate) fn node_forces(&self) -> Vec<[f64; 3]> {
-        if self.loads.forces.is_empty() {
+        let acting = self.acting().forces;
+        if acting.is_empty() {
             return Vec::new();
         }
         let mut forces = vec![[0.0; 3]; self.mesh.points_m().len()];
-        for load in &self.loads.forces {
+        for load in &acting {
             for (sum, force) in forces[load.node as usize].iter_mut().zip(load.force_n) {
                 *sum += force;
             }

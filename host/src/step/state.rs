@@ -34,12 +34,23 @@ impl State {
 
     /// No tool anywhere yet, tissue at rest under its loads.
     pub fn new(model: &Model) -> Self {
+        Self::moving(model, &model.motion)
+    }
+
+    /// As [`Self::new`], with tissue as the unloaded mesh has it where steps bring it to rest: linear tissue is there with the
+    /// first one, and without anything that may act no step moves any.
+    pub fn unloaded(model: &Model) -> Self {
+        match model.sources {
+            Some(_) => Self::moving(model, &model.body.at_rest()),
+            None => Self::new(model),
+        }
+    }
+
+    fn moving(model: &Model, motion: &Motion) -> Self {
+        let sources = model.sources.as_ref();
         Self {
-            motion: model.motion.clone(),
-            sources: model
-                .sources
-                .as_ref()
-                .map(|sources| Box::new(SourcesState::new(sources, model.motion.clone()))),
+            motion: motion.clone(),
+            sources: sources.map(|sources| Box::new(SourcesState::new(sources, motion.clone()))),
         }
     }
 

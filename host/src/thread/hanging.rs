@@ -14,7 +14,7 @@ const BEAT_US: u64 = 100_000;
 const LOST_US: u64 = 1_000_000;
 /// Steps of one beat in which threads that begin come to rest.
 const SETTLING: u32 = 20;
-/// Of what hangs \[m/s^2\], (3): z is up, as at the console.
+/// Of what hangs in a scene that names none \[m/s^2\], (3): z is up, as at the console.
 const GRAVITY_M_PER_S2: [f64; 3] = [0.0, 0.0, -9.81];
 
 /// Tells which of a session's states are beats.
@@ -45,7 +45,8 @@ pub struct Hanging {
 impl Hanging {
     /// Before the first beat; `None` of a model without a thread.
     pub fn new(model: &Model) -> Option<Self> {
-        let threads = FreeThreads::new(model, GRAVITY_M_PER_S2)?;
+        let gravity_m_per_s2 = model.gravity_m_per_s2.unwrap_or(GRAVITY_M_PER_S2);
+        let threads = FreeThreads::new(model, gravity_m_per_s2)?;
         Some(Self {
             shown: threads.clone(),
             threads,

@@ -144,6 +144,7 @@ pub fn explain(scene: &Scene) -> Result<Vec<Component>, SolveError> {
     parts.push(handles(scene));
     parts.extend(added(scene));
     parts.push(loads(scene));
+    parts.push(weight(scene));
     let ((), field) = timed(|| {
         std::hint::black_box(model.equilibrium(state).is_ok());
     });
@@ -579,6 +580,22 @@ fn loads(scene: &Scene) -> Component {
     }
 }
 
+/// What the tissue weighs.
+fn weight(scene: &Scene) -> Component {
+    match &scene.gravity {
+        None => Component::absent("weight", "no `gravity_m_per_s2`: nothing weighs anything"),
+        Some(gravity) => {
+            let why = format!(
+                "`gravity_m_per_s2`: {:.1} g, {:.3} N on {} nodes, in the tissue's balance before the first step",
+                1e3 * gravity.mass_kg,
+                scene.weight_n(),
+                scene.mesh.points_m().len()
+            );
+            Component::built("weight", why)
+        }
+    }
+}
+
 /// Rows that the console solves between two solves.
 fn console_rows(scene: &Scene) -> Component {
     let name = "console rows";
@@ -710,6 +727,7 @@ way_point = [{ time_s = 0.0, position_m = [0.0, 0.0, 0.04] }, { time_s = 0.4, po
             "contact",
             "handles",
             "loads",
+            "weight",
             "device",
             "hand",
             "needle",

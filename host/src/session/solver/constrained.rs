@@ -40,6 +40,9 @@ impl Constrained {
     /// A scene's tissue before its tools come.
     pub fn new(scene: &Scene) -> Result<Self, SceneError> {
         let (model, state, work) = scene.build()?;
+        if let Some(words) = scene.sags(&model) {
+            tracing::warn!("{words}");
+        }
         Ok(Self {
             wound: Wound::new(scene, &model),
             model: Arc::new(model),

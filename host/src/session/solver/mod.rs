@@ -99,6 +99,9 @@ impl SceneSolver {
             return Self::sticking(scene, model, Rendering::Tangent, scene.host.host_hz);
         }
         let mut solver = Self::apart(scene)?;
+        if let Some(tissue) = solver.follower.constrained().filter(|_| !scene.settle) {
+            tissue.state = step::State::unloaded(&tissue.model);
+        }
         // Grips touch nothing on their way.
         let held: Vec<_> = scene
             .held()
