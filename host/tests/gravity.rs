@@ -1,29 +1,48 @@
-//! The weight of tissue: what it bends, what carries it, and what tools feel of it.
+//! The weight of tissue: how far it sags, what carries it, and what tools feel of tissue that sags.
 
 use nalgebra::{Rotation3, Vector3};
 use std::fmt::Write;
 use std::path::Path;
 use sutura_host::fem::Equilibrium;
 use sutura_host::mesh::TetMesh;
-use sutura_host::scene::{Document, Pose, Scene, read};
+use sutura_host::model::Model;
+use sutura_host::scene::{Document, Pose, Registered, Scene, SceneError, read};
 use sutura_host::script::at_rest;
-use sutura_host::step::{State, Status, StepOptions, StepReport, step};
+use sutura_host::session::{Rendering, SceneSolver};
+use sutura_host::solve::solve;
+use sutura_host::step::{State, Status, StepOptions, StepReport, Workspace, step};
+use tempfile::TempDir;
 
 const DOWN: [f64; 3] = [0.0, 0.0, -9.81];
-/// Tissues with a balance of forces.
-const WITH_ROWS: [&str; 3] = ["linear", "corotational", "hyperelastic"];
+/// Tissues with a balance of forces, followed closely.
+const WITH_ROWS: [&str; 3] = [
+    "model = \"linear\"",
+    "model = \"corotational\"\ncorotational = { refactor_every = 1, passes = 50, tolerance = 1e-11 }",
+    "model = \"hyperelastic\"",
+];
+const SOFT: &str = "youngs_modulus_pa = 20e3\npoisson_ratio = 0.4\ndensity_kg_per_m3 = 1000.0";
+const BALL: &str = "[[tool]]\nradius_m = 0.012\n";
 
-fn scene(text: &str) -> Scene {
-    read(&Document::embedded("test.toml", "".as_ref(), text)).expect("good")
+fn read_in(folder: &Path, text: &str) -> Result<Scene, SceneError> {
+    read(&Document::embedded("test.toml", folder, text))
 }
 
-/// A bar that lies along x, held at its lower end, of so many cubes along its edges.
+fn scene(text: &str) -> Scene {
+    read_in("".as_ref(), text).expect("good")
+}
+
+/// A bar along x under its own weight, held at its lower end.
 fn bar(size_m: [f64; 3], divisions: [usize; 3], tissue: &str) -> String {
     format!(
-        "gravity_m_per_s2 = {DOWN:?}\n[mesh.slab]\nsize_m = {size_m:?}\ndivisions = {divisions:?}\n[tissue]\n{tissue}\n\
-         [[fixed]]\nplane = {{ axis = \"x\", at_m = {} }}\n",
+        "gravity_m_per_s2 = {DOWN:?}\n[mesh.slab]\nsize_m = {size_m:?}\ndivisions = {divisions:?}\n\
+         [[fixed]]\nplane = {{ axis = \"x\", at_m = {} }}\n[tissue]\n{tissue}\n",
         -0.5 * size_m[0]
     )
+}
+
+/// One of 40 x 15 x 15 mm.
+fn short_bar(tissue: &str) -> String {
+    bar([0.04, 0.015, 0.015], [8, 3, 3], tissue)
 }
 
 /// How it rests, and what nodes get from outside.
@@ -37,47 +56,336 @@ fn drop_m(scene: &Scene) -> f64 {
     let points = scene.mesh.points_m();
     let far = points.iter().map(|x| x[0]).fold(f64::MIN, f64::max);
     let rest = rest(scene);
-    let end = points.iter().zip(&rest.displacement_m);
-    let drops: Vec<f64> = end
+    let nodes = points.iter().zip(&rest.displacement_m);
+    let drops: Vec<f64> = nodes
         .filter(|(x, _)| (x[0] - far).abs() < 1e-9)
         .map(|(_, u)| -u[2])
         .collect();
     drops.iter().sum::<f64>() / drops.len() as f64
 }
 
-/// Force of all that is fixed on the tissue \[N\], (3): what its nodes get from outside without their own weight and loads.
+/// Force of all that is fixed on the tissue \[N\], (3): what its nodes get from outside but for weight and loads.
 fn reaction_n(scene: &Scene, rest: &Equilibrium) -> Vector3<f64> {
-    let mut reaction = Vector3::zeros();
-    for node in &scene.fixed {
-        reaction += Vector3::from(rest.node_force_n[*node as usize]);
+    let fixed = scene.fixed.iter();
+    let all: Vector3<f64> = fixed
+        .map(|node| Vector3::from(rest.node_force_n[*node as usize]))
+        .sum();
+    let loads = scene.acting().forces.into_iter();
+    let on_fixed = loads.filter(|load| scene.fixed.binary_search(&load.node).is_ok());
+    all - on_fixed
+        .map(|load| Vector3::from(load.force_n))
+        .sum::<Vector3<f64>>()
+}
+
+/// A bar of 60 x 4 x 15 mm. What is left of the finest of three meshes to what they converge to (Richardson, error of the square of
+/// the edge), and that itself against Timoshenko's beam, w L^4 / 8 E I + w L^2 / 2 (5/6) G A, which is exact for it to a percent.
+#[test]
+fn a_cantilever_sags_as_far_as_a_refined_one() {
+    let (length, width, height, modulus, density) = (0.06f64, 0.004, 0.015f64, 200e3, 1000.0);
+    let tissue = format!(
+        "youngs_modulus_pa = {modulus}\npoisson_ratio = 0.0\ndensity_kg_per_m3 = {density}"
+    );
+    // Nothing varies across its width.
+    let drop = |n: usize| {
+        drop_m(&scene(&bar(
+            [length, width, height],
+            [4 * n, 1, n],
+            &tissue,
+        )))
+    };
+    let [coarse, middle, fine] = [6, 12, 24].map(drop);
+    let refined = fine + (fine - middle) / 3.0;
+    let before = middle + (middle - coarse) / 3.0;
+    assert!((before / refined - 1.0).abs() < 5e-3, "{before} {refined}");
+    let load = density * 9.81 * width * height;
+    let bends = load * length.powi(4) / (8.0 * modulus * width * height.powi(3) / 12.0);
+    let shears = load * length.powi(2) / (2.0 * 5.0 / 6.0 * 0.5 * modulus * width * height);
+    let beam = bends + shears;
+    assert!((refined / beam - 1.0).abs() < 0.01, "{refined} {beam}");
+    assert!((fine / refined - 1.0).abs() < 0.01, "{fine} {refined}");
+}
+
+/// Of two materials that lie one on the other, on every tissue with a balance of forces.
+#[test]
+fn what_is_fixed_carries_the_weight() {
+    for model in WITH_ROWS {
+        let text = short_bar(&format!("{SOFT}\n{model}"))
+            + "[[region]]\nbox = { min_m = [-1.0, -1.0, -0.005], max_m = [1.0, 1.0, 1.0] }\n\
+               youngs_modulus_pa = 10e3\npoisson_ratio = 0.3\ndensity_kg_per_m3 = 900.0\n";
+        let scene = scene(&text);
+        let (upper, lower) = (0.04 * 0.015 * 0.005 * 900.0, 0.04 * 0.015 * 0.01 * 1000.0);
+        let weight = Vector3::from(DOWN) * (upper + lower);
+        assert!((scene.weight_n() / weight.norm() - 1.0).abs() < 1e-12);
+        let rest = rest(&scene);
+        let off = (reaction_n(&scene, &rest) + weight).norm() / weight.norm();
+        assert!(off < 1e-9, "{model}: {off}");
+        assert!(rest.residual < 1e-9, "{model}: {}", rest.residual);
+        let sag = rest.displacement_m.iter().map(|u| -u[2]);
+        assert!(sag.fold(0.0, f64::max) > 1e-3, "{model}");
     }
-    for load in scene.acting().forces {
-        if scene.fixed.binary_search(&load.node).is_ok() {
-            reaction -= Vector3::from(load.force_n);
-        }
+}
+
+/// A mesh in gmsh's format, to the bit.
+fn written(mesh: &TetMesh, turned: impl Fn(Vector3<f64>) -> Vector3<f64>) -> String {
+    let mut text = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n".to_owned();
+    let points = mesh.points_m();
+    let _ = writeln!(text, "{}", points.len());
+    for (number, point) in (1..).zip(points) {
+        let at = turned(Vector3::from(*point));
+        let _ = writeln!(text, "{number} {:?} {:?} {:?}", at.x, at.y, at.z);
     }
-    reaction
+    let _ = writeln!(text, "$EndNodes\n$Elements\n{}", mesh.cells().len());
+    for (number, cell) in (1..).zip(mesh.cells()) {
+        let [a, b, c, d] = cell.map(|node| node + 1);
+        let _ = writeln!(text, "{number} 4 0 {a} {b} {c} {d}");
+    }
+    text + "$EndElements\n"
+}
+
+/// The scene of a mesh file, turned and shifted with its gravity.
+fn turned_scene(
+    folder: &Path,
+    plain: &Scene,
+    model: &str,
+    turn: &Rotation3<f64>,
+    by: Vector3<f64>,
+) -> Scene {
+    std::fs::write(
+        folder.join("a.msh"),
+        written(&plain.mesh, |x| turn * x + by),
+    )
+    .expect("written");
+    let gravity: [f64; 3] = (turn * Vector3::from(DOWN)).into();
+    let text = format!(
+        "gravity_m_per_s2 = {gravity:?}\n[mesh]\nfile = \"a.msh\"\nscale_to_m = 1.0\n[[fixed]]\nnodes = {:?}\n[tissue]\n{SOFT}\n{model}\n",
+        plain.fixed
+    );
+    read_in(folder, &text).expect("good")
 }
 
 #[test]
-fn trial() {
-    let (length, height) = (0.06, 0.015);
-    for nu in [0.0, 0.3, 0.45] {
-        for n in [2usize, 3, 4, 6, 8] {
-            let tissue = format!(
-                "youngs_modulus_pa = 200e3\npoisson_ratio = {nu}\ndensity_kg_per_m3 = 1000.0"
-            );
-            let scene = scene(&bar([length, height, height], [4 * n, n, n], &tissue));
-            let (e, rho) = (200e3, 1000.0);
-            let load = rho * 9.81 * height * height;
-            let bending = load * length.powi(4) / (8.0 * e * height.powi(4) / 12.0);
-            let g = e / (2.0 * (1.0 + nu));
-            let shear = load * length.powi(2) / (2.0 * 5.0 / 6.0 * g * height * height);
-            println!(
-                "nu {nu} n {n}: {:.6} mm, beam {:.6}",
-                1e3 * drop_m(&scene),
-                1e3 * (bending + shear)
-            );
+fn a_turned_and_shifted_scene_sags_the_same() {
+    let folder = TempDir::new().expect("a folder");
+    let turn = Rotation3::from_euler_angles(0.7, -1.1, 2.3);
+    let far = Vector3::new(0.3, -0.2, 0.1);
+    for model in WITH_ROWS {
+        let plain = scene(&short_bar(&format!("{SOFT}\n{model}")));
+        let straight = rest(&plain);
+        let size = straight
+            .displacement_m
+            .iter()
+            .map(|u| Vector3::from(*u).norm())
+            .fold(0.0, f64::max);
+        for (turn, by) in [(turn, Vector3::zeros()), (Rotation3::identity(), far)] {
+            let other = rest(&turned_scene(folder.path(), &plain, model, &turn, by));
+            let pairs = straight.displacement_m.iter().zip(&other.displacement_m);
+            let off = pairs
+                .map(|(a, b)| (turn * Vector3::from(*a) - Vector3::from(*b)).norm())
+                .fold(0.0, f64::max);
+            assert!(off < 1e-9 * size, "{model}: {}", off / size);
         }
+    }
+}
+
+/// A scene that is stepped by its tool 0.
+struct Bench {
+    model: Model,
+    state: State,
+    work: Workspace,
+}
+
+impl Bench {
+    fn new(scene: &Scene) -> Self {
+        let (model, state, work) = scene.build().expect("a balance");
+        Bench { model, state, work }
+    }
+
+    fn step(&mut self, at: [f64; 3]) -> StepReport {
+        let pose = Pose {
+            position_m: at,
+            orientation: [0.0, 0.0, 0.0, 1.0],
+        };
+        let (sample, options) = (at_rest(0, &pose), StepOptions::default());
+        step(
+            &self.model,
+            &mut self.state,
+            &[sample],
+            &options,
+            &mut self.work,
+        )
+    }
+
+    /// Steps until the tool is there and the tissue in balance.
+    fn to(&mut self, at: [f64; 3]) -> StepReport {
+        let mut still = 0;
+        for _ in 0..2000 {
+            let report = self.step(at);
+            match report.status {
+                Status::Ok if report.imbalance < 1e-9 => still += 1,
+                Status::Ok | Status::Behind | Status::Waiting => still = 0,
+                other => panic!("{other:?} at {at:?}"),
+            }
+            if still > 2 {
+                return report;
+            }
+        }
+        panic!("no balance at {at:?}");
+    }
+}
+
+/// On the free end of a bar that sags: nothing until it touches, the slope of the energy after that, and with the fixed end's the
+/// force of all of the tissue is its weight.
+#[test]
+fn a_tool_feels_what_sags_where_it_is() {
+    for model in WITH_ROWS {
+        let scene = scene(&(short_bar(&format!("{SOFT}\n{model}")) + BALL));
+        let mut bench = Bench::new(&scene);
+        // Its radius above the unloaded top, which has sagged.
+        let above = bench.to([0.018, 0.0, 0.012]);
+        let apart = above.contacts()[0];
+        assert_eq!((apart.wrench, apart.rows), ([0.0; 6], 0), "{model}");
+        let sag = bench.model.sag_m();
+        assert!(
+            apart.gap_m > 0.4 * sag && apart.gap_m <= sag,
+            "{model}: {} {sag}",
+            apart.gap_m
+        );
+        let (at, h) = (0.012 - sag - 1.5e-3, 2e-5);
+        let felt = [at - h, at, at + h].map(|z| bench.to([0.018, 0.0, z]));
+        let slope = (felt[2].stored_energy_j - felt[0].stored_energy_j) / (2.0 * h);
+        let middle = felt[1].contacts()[0].wrench[2];
+        assert!(middle > 1e-3, "{model}: {middle}");
+        assert!(
+            (slope / -middle - 1.0).abs() < 1e-3,
+            "{model}: {slope} {middle}"
+        );
+        let rest = bench.model.equilibrium(&bench.state).expect("finite");
+        assert!(rest.residual < 1e-7, "{model}: {}", rest.residual);
+        let last = felt[2].contacts()[0].wrench;
+        let on_tissue = -Vector3::new(last[0], last[1], last[2]);
+        let weight = Vector3::from(DOWN) / 9.81 * scene.weight_n();
+        let left = reaction_n(&scene, &rest) + on_tissue + weight;
+        assert!(left.norm() < 1e-7 * weight.norm(), "{model}: {left}");
+    }
+}
+
+/// Gravity of zero, and densities without it, change no bit.
+#[test]
+fn without_gravity_nothing_changes() {
+    for model in WITH_ROWS {
+        let weighs = short_bar(&format!("{SOFT}\n{model}")) + BALL;
+        let none = weighs.replace(&format!("gravity_m_per_s2 = {DOWN:?}\n"), "");
+        let zero = weighs.replace(&format!("{DOWN:?}"), "[0.0, 0.0, 0.0]");
+        let pressed = |text: &str| {
+            let mut bench = Bench::new(&scene(text));
+            for step in 0..20 {
+                bench.step([0.018, 0.0, 0.013 - 2e-4 * f64::from(step)]);
+            }
+            bench.state.hash()
+        };
+        let plain = pressed(&none);
+        assert_eq!(plain, pressed(&zero), "{model}");
+        assert_ne!(plain, pressed(&weighs), "{model}");
+    }
+}
+
+/// From the mesh, or at rest: in the end the same.
+#[test]
+fn tissue_that_does_not_begin_settled_comes_to_the_same_rest() {
+    for model in ["model = \"corotational\"", "model = \"hyperelastic\""] {
+        let text = short_bar(&format!("{SOFT}\n{model}")) + BALL;
+        let farthest = |solver: &SceneSolver, from: &[[f64; 3]]| {
+            let at = solver.positions_m();
+            let pairs = at.iter().zip(from);
+            let ways = pairs.map(|(a, b)| (Vector3::from(*a) - Vector3::from(*b)).norm());
+            ways.fold(0.0, f64::max)
+        };
+        let settled = SceneSolver::new(&scene(&text)).expect("a rest");
+        let rest = settled.positions_m().into_owned();
+        let begun = scene(&format!("settle = false\n{text}"));
+        let said: Vec<String> = begun.warnings.iter().map(ToString::to_string).collect();
+        assert!(
+            said.iter().all(|words| !words.contains("at rest")),
+            "{said:?}"
+        );
+        let mut falls = SceneSolver::new(&begun).expect("a mesh");
+        assert_eq!(farthest(&falls, begun.mesh.points_m()), 0.0, "{model}");
+        let sag = farthest(&settled, begun.mesh.points_m());
+        let far = Pose {
+            position_m: [0.0, 0.0, 0.1],
+            orientation: [0.0, 0.0, 0.0, 1.0],
+        };
+        for _ in 0..200 {
+            assert_eq!(falls.step(at_rest(0, &far)).status, Status::Ok);
+        }
+        let off = farthest(&falls, &rest);
+        assert!(off < 1e-3 * sag, "{model}: {off} of {sag}");
+        // A solve without a console is at rest whatever the session begins with.
+        let plain = solve(&scene(&text)).expect("a rest");
+        let same = solve(&begun).expect("a rest");
+        assert_eq!(plain.drawn.displacement_m, same.drawn.displacement_m);
+    }
+}
+
+/// Models to which tools stick begin settled, or from the mesh.
+#[test]
+fn models_without_rows_sag_too() {
+    let stiff = SOFT.replace("20e3", "60e3");
+    let reference = drop_m(&scene(&short_bar(&format!(
+        "{stiff}\nmodel = \"corotational\""
+    ))));
+    for (model, most) in [
+        ("energy-balance-neo-hookean", 0.1),
+        ("energy-balance-stvk", 0.1),
+        ("shape-matching", 20.0),
+        ("chainmail-classical", 20.0),
+        ("chainmail-ellipsoid", 20.0),
+    ] {
+        let of = |more: &str| {
+            let text = format!(
+                "{more}{}{BALL}",
+                short_bar(&format!("{stiff}\nmodel = \"{model}\""))
+            );
+            let scene = scene(&text);
+            let registered = Registered::new(model, None).expect("there");
+            let solver = SceneSolver::sticking(&scene, registered, Rendering::Hold, 200.0);
+            let solver = solver.expect("a rest");
+            let at = solver.positions_m();
+            let points = scene.mesh.points_m().iter().zip(at.iter());
+            let end = points.filter(|(x, _)| x[0] > 0.0199);
+            let drops: Vec<f64> = end.map(|(x, at)| x[2] - at[2]).collect();
+            drops.iter().sum::<f64>() / drops.len() as f64
+        };
+        let sag = of("");
+        assert!(
+            (sag / reference - 1.0).abs() < most && sag > 0.0,
+            "{model}: {sag} {reference}"
+        );
+        assert_eq!(of("settle = false\n"), 0.0, "{model}");
+    }
+}
+
+/// What cannot bear its weight is told with how far it would sag, against its size; the sag of a small displacement is the inverse of
+/// the modulus.
+#[test]
+fn tissue_that_collapses_is_told_its_sag_and_its_size() {
+    let of = |modulus: &str, model: &str| {
+        let soft = SOFT.replace("20e3", modulus);
+        scene(&short_bar(&format!("{soft}\n{model}")))
+    };
+    let sag_mm = 1e3 * of("20e3", WITH_ROWS[0]).build().expect("linear").0.sag_m();
+    for model in &WITH_ROWS[1..] {
+        let told = of("20.0", model)
+            .build()
+            .err()
+            .expect("a jelly")
+            .to_string();
+        assert!(
+            told.contains("no balance under its weight of 0.088 N"),
+            "{told}"
+        );
+        let sag = format!("it would sag by {:.1} mm", 1e3 * sag_mm);
+        assert!(told.contains(&sag), "{told}, {sag}");
+        assert!(told.contains("it is 40.0 mm in size"), "{told}");
     }
 }

@@ -54,9 +54,8 @@ pub enum SceneError {
     },
     /// Tissue that cannot bear its own weight.
     #[error(
-        "the tissue finds no balance under its weight of {weight_n:.3} N and its loads, beyond {:.1} % of them: at small displacements it \
-         would sag by {:.1} mm, and it is {:.1} mm in size",
-        100.0 * share,
+        "the tissue finds no balance under its weight of {weight_n:.3} N and its loads: at small displacements it would sag by {:.1} mm, \
+         and it is {:.1} mm in size",
         1e3 * sag_m,
         1e3 * size_m
     )]
@@ -67,8 +66,6 @@ pub enum SceneError {
     Collapses {
         /// Its weight \[N\].
         weight_n: f64,
-        /// Part of what acts for which there is a balance.
-        share: f64,
         /// How far linear tissue would go \[m\].
         sag_m: f64,
         /// Largest side of the box around it \[m\].

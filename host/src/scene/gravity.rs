@@ -51,8 +51,8 @@ impl Scene {
         })
     }
 
-    /// That there is no balance beyond `share` of what acts; none where the tissue weighs nothing.
-    pub(super) fn collapse(&self, share: f64) -> Option<SceneError> {
+    /// That its weight has no balance; nothing where the tissue weighs nothing.
+    pub(super) fn collapse(&self) -> Option<SceneError> {
         let weight_n = self.weight_n();
         if weight_n == 0.0 {
             return None;
@@ -65,21 +65,25 @@ impl Scene {
             .map(|u| u[0].hypot(u[1]).hypot(u[2]));
         Some(SceneError::Collapses {
             weight_n,
-            share,
             sag_m: ways.fold(0.0, f64::max),
             size_m: units::size_m(&self.mesh),
         })
     }
 
-    /// What is to be said of linear tissue that sags far under its weight: `model` is of this scene.
+    /// What is to be said of tissue that sags far under its weight: `model` is of this scene.
     pub(crate) fn sags(&self, model: &Model) -> Option<String> {
-        let is_linear = matches!(self.tissue, Tissue::Linear | Tissue::Auto);
         let (sag_m, size_m) = (model.sag_m(), units::size_m(&self.mesh));
-        let is_far = sag_m > LARGE_SAG * size_m;
-        (is_linear && is_far && self.weight_n() > 0.0).then(|| {
+        let is_linear = matches!(self.tissue, Tissue::Linear | Tissue::Auto);
+        let (most, help) = match is_linear {
+            true => (
+                LARGE_SAG,
+                "linear tissue is right where that is small: take `model = \"corotational\"`, or see that `youngs_modulus_pa` is in Pa",
+            ),
+            false => (1.0, "see that `youngs_modulus_pa` is in Pa"),
+        };
+        (self.weight_n() > 0.0 && sag_m > most * size_m).then(|| {
             format!(
-                "linear tissue sags by {:.1} mm under its weight, {:.0} % of its size of {:.1} mm: it is right where that is small; \
-                 take `model = \"corotational\"` or `\"hyperelastic\"`, or see that `youngs_modulus_pa` is in Pa",
+                "the tissue sags by {:.1} mm under its weight, {:.0} % of its size of {:.1} mm: {help}",
                 1e3 * sag_m,
                 100.0 * sag_m / size_m,
                 1e3 * size_m

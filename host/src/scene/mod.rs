@@ -351,8 +351,8 @@ impl Scene {
                 nodes: mesh.points_m().len(),
                 shortage,
             },
-            ModelError::Tissue(TissueError::NoEquilibrium { share, .. }) => {
-                self.collapse(share).unwrap_or(SceneError::Build(error))
+            ModelError::Tissue(TissueError::NoEquilibrium { .. }) => {
+                self.collapse().unwrap_or(SceneError::Build(error))
             }
             error => SceneError::Build(error),
         })?;
@@ -438,6 +438,8 @@ impl Scene {
     }
 }
 
+#[cfg(test)]
+mod gravity_tests;
 #[cfg(test)]
 mod needle_tests;
 #[cfg(test)]
