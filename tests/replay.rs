@@ -227,6 +227,31 @@ fn a_driven_needle_comes_out_the_same() {
     assert_same(&recording);
 }
 
+/// Tissue that hangs is part of what is recorded, and the tool feels nothing until it comes to where that is: over the unloaded top
+/// for 1.4 s, then 10 mm below it.
+#[test]
+fn tissue_under_its_own_weight_comes_out_the_same_and_is_felt_where_it_hangs() {
+    let folder = TempDir::new().unwrap();
+    let name = "organ-under-its-own-weight.toml";
+    let recording = in_lockstep(name, 3.0, &folder.path().join("a.mcap"));
+    assert_same(&recording);
+    let states = recording.frames.iter().filter_map(look);
+    let states = states.filter_map(|(_, _, time_us, state)| Some((time_us, state?)));
+    let felt: Vec<(u64, f32)> = states
+        .map(|(time_us, state)| (time_us, state.force_n[2]))
+        .collect();
+    let begun_us = felt[0].0;
+    let within = |from_s: f64, to_s: f64| {
+        let span = begun_us + (1e6 * from_s) as u64..begun_us + (1e6 * to_s) as u64;
+        let each = felt
+            .iter()
+            .filter(move |(time_us, _)| span.contains(time_us));
+        each.map(|(_, force_n)| force_n.abs()).fold(0.0, f32::max)
+    };
+    assert_eq!(within(0.0, 1.4), 0.0);
+    assert!(within(2.4, 3.0) > 0.2, "{}", within(2.4, 3.0));
+}
+
 /// One bit anywhere is found, at the tick that it belongs to.
 #[test]
 fn a_changed_state_is_found_at_its_tick() {
