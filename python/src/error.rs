@@ -56,3 +56,14 @@ pub fn of_solve(error: &session::SolveError) -> PyErr {
         _ => SceneError::new_err(text(error)),
     }
 }
+
+/// A scene that asks for no session.
+pub fn of_plan(error: &session::PlanError) -> PyErr {
+    match error {
+        session::PlanError::Device(error) => of_scene(error),
+        session::PlanError::NoHand { .. } => match error.help() {
+            Some(help) => Error::new_err(format!("{error}: {help}")),
+            None => Error::new_err(error.to_string()),
+        },
+    }
+}

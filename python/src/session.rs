@@ -5,21 +5,17 @@ use crate::error::{self, Error};
 use crate::scene::Scene;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use serde_json::json;
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use sutura_hil::NativeConsole;
-use sutura_host::recording::replay::{NativeTicks, replay_console, replay_host_while};
+use sutura_host::recording::replay::{NativeTicks, Report, replay_console, replay_host_while};
 use sutura_host::recording::{
-    About, End, Recorder, Recording, RecordingError, TappedConsole, TappedSolver,
+    About, Recorder, Recording, RecordingError, TappedConsole, TappedSolver,
 };
-use sutura_host::scene::{self, BUILT_IN_DEVICES, Document, LONGEST_S, Tissue, read_device};
-use sutura_host::session::{
-    LINE_BYTES_PER_S, Plan, Progress, Rendering, SceneSolver, check_rate, run_lockstep,
-};
+use sutura_host::scene::{self, LONGEST_S, Tissue};
+use sutura_host::session::{Plan, Progress, Rendering, SceneSolver, check_rate, run_lockstep};
 use sutura_shared::control::TICK_HZ;
-use sutura_shared::wire::message::Fixture;
 
 /// Runs a scene on the virtual console: see `sutura.run`.
 #[pyfunction]
@@ -85,27 +81,14 @@ fn plan(
             scene.name
         )));
     }
-    let Some(hand) = scene.hand else {
-        return Err(Error::new_err(format!(
-            "the scene {:?} has no hand to hold a virtual console: add a [hand] section as in scenes/palpation.toml",
-            scene.name
-        )));
-    };
-    let device = match scene.device {
-        Some(device) => device,
-        None => {
-            let (name, text) = BUILT_IN_DEVICES[0];
-            let document = Document::embedded(name, Path::new(""), text);
-            read_device(&document).map_err(|error| error::of_scene(&error))?
-        }
-    };
-    let seconds = seconds.unwrap_or(scene.seconds);
+    let plan = Plan::of_scene(scene).map_err(|error| error::of_plan(&error))?;
+    let seconds = seconds.unwrap_or(plan.seconds);
     if !(seconds > 0.0 && seconds <= LONGEST_S) {
         return Err(PyValueError::new_err(format!(
             "seconds is {seconds}: give a length above 0 and at most {LONGEST_S}, a day"
         )));
     }
-    let host_hz = host_hz.unwrap_or(scene.host.host_hz);
+    let host_hz = host_hz.unwrap_or(plan.host_hz);
     if !(host_hz > 0.0 && host_hz <= f64::from(TICK_HZ)) {
         return Err(PyValueError::new_err(format!(
             "host_hz is {host_hz}: give a rate above 0 and at most {TICK_HZ}"
@@ -114,7 +97,7 @@ fn plan(
     check_rate(host_hz, TICK_HZ)
         .map_err(|error| PyValueError::new_err(format!("host_hz: {error}")))?;
     let rendering = match rendering {
-        None => scene.usual_rendering(),
+        None => plan.rendering,
         Some("hold") => Rendering::Hold,
         Some("tangent") => Rendering::Tangent,
         Some("rows") => Rendering::Rows,
@@ -125,17 +108,10 @@ fn plan(
         }
     };
     Ok(Plan {
-        device,
-        hand,
         host_hz,
         seconds,
-        tick_hz: TICK_HZ,
-        state_every: 1,
-        horizon_us: scene.host.horizon_us,
-        clear_fault: false,
-        fixture: Fixture::None,
         rendering,
-        line_bytes_per_s: LINE_BYTES_PER_S,
+        ..plan
     })
 }
 
@@ -147,11 +123,7 @@ pub fn replay_session(py: Python<'_>, path: PathBuf, build: String) -> PyResult<
         let about = &recording.about;
         let here = About::here(build, &about.plan, &about.tissue);
         let console = replay_console(&recording, &mut NativeTicks::new(&about.plan.device));
-        let document = Document::from_sources(&recording.sources);
-        let mut scene = scene::read(&document).map_err(|error| error::of_scene(&error))?;
-        if let Ok(tissue) = Tissue::named(&about.tissue) {
-            scene.tissue = tissue.instead_of(scene.tissue);
-        }
+        let scene = recording.scene().map_err(|error| error::of_scene(&error))?;
         let solver = SceneSolver::for_session(&scene, &about.plan);
         let mut solver = solver.map_err(|error| error::of_solve(&error))?;
         let mut stopped = None;
@@ -171,42 +143,8 @@ pub fn replay_session(py: Python<'_>, path: PathBuf, build: String) -> PyResult<
         if let Some(error) = stopped {
             return Err(error);
         }
-        let cut_off = match &recording.end {
-            End::Whole => None,
-            End::Cut(reason) => Some(reason),
-        };
-        let diverged_at = [console.diverged_at, host.diverged_at]
-            .into_iter()
-            .flatten()
-            .min();
-        let report = json!({
-            "file": path.display().to_string(),
-            "ticks": console.ticks,
-            "diverged_at": diverged_at,
-            "hash": format!("{:016x}", console.hash),
-            "cut_off": cut_off,
-            "console": {
-                "verified_ticks": console.verified_ticks,
-                "unverified_ticks": console.unverified_ticks,
-                "lost_frames": console.lost_frames,
-                "diverged_at": console.diverged_at,
-                "unverifiable_from": console.unverifiable_from,
-                "why": console.why,
-                "hash": format!("{:016x}", console.hash),
-            },
-            "host": {
-                "steps": host.steps,
-                "verified_steps": host.verified_steps,
-                "identical": host.identical,
-                "largest_difference": host.largest_difference,
-                "diverged_at": host.diverged_at,
-                "diverged_step": host.diverged_step,
-                "unverifiable_from": host.unverifiable_from,
-                "why": host.why,
-                "hash": format!("{:016x}", host.hash),
-            },
-        });
-        Ok(report.to_string())
+        let report = Report::of(&path, &recording, &console, &host);
+        serde_json::to_string(&report).map_err(|error| Error::new_err(error.to_string()))
     })
 }
 

@@ -4,7 +4,7 @@
 
 use crate::failure::Failure;
 use std::path::Path;
-use sutura_host::scene::{BUILT_IN_DEVICES, Document, read_device};
+use sutura_host::scene::{Document, built_in_device, read_device};
 use sutura_shared::device::DeviceDescription;
 
 /// Reads a device file; without a path it is the first built-in device.
@@ -12,10 +12,9 @@ use sutura_shared::device::DeviceDescription;
 /// # Errors
 /// Bad input: the file, or something in it.
 pub fn open(path: Option<&Path>) -> Result<DeviceDescription, Failure> {
-    let (name, text) = BUILT_IN_DEVICES[0];
-    let document = match path {
-        Some(path) => Document::read(path)?,
-        None => Document::embedded(name, Path::new(""), text),
+    let device = match path {
+        Some(path) => read_device(&Document::read(path)?),
+        None => built_in_device(),
     };
-    Ok(read_device(&document)?)
+    Ok(device?)
 }

@@ -6,14 +6,11 @@ use crate::run::positive;
 use crate::series::{SERIES_HZ, Series};
 use crate::{Format, Global, display, files};
 use clap::{Args, ValueEnum};
-use schemars::JsonSchema;
-use serde::Serialize;
 use std::path::{Path, PathBuf};
 use sutura_host::recording::replay::{
-    ConsoleVerdict, HostVerdict, NativeTicks, Replayed as Replays, replay_console, replay_host,
+    ConsoleVerdict, HostVerdict, NativeTicks, Replayed, Report, replay_console, replay_host,
 };
 use sutura_host::recording::{About, End, Recording};
-use sutura_host::scene::Tissue;
 use sutura_host::session::SceneSolver;
 
 /// Runs a recorded session again: the console's ticks and the solver's steps, compared bit by bit.
@@ -77,7 +74,10 @@ pub fn run(args: &ReplayArgs, global: &Global) -> Result<(), Failure> {
     let (host, pictures) = host(&recording, series)?;
     let (here, there) = (&here(&recording), &recording.about);
     match global.format {
-        Format::Json => display::object(&replayed(args, &recording, &console, &host, pictures)),
+        Format::Json => display::object(&Report {
+            pictures,
+            ..Report::of(&args.file, &recording, &console, &host)
+        }),
         Format::Text => say!("{}", text(&recording, &console, &host, here)),
     }
     verdict(args, &recording, &console, &host, there.same_bits(here))
@@ -89,7 +89,7 @@ fn here(recording: &Recording) -> About {
 }
 
 fn console(args: &ReplayArgs, recording: &Recording) -> Result<ConsoleVerdict, Failure> {
-    let replay = |console: &mut dyn Replays| replay_console(recording, console);
+    let replay = |console: &mut dyn Replayed| replay_console(recording, console);
     match args.console {
         Console::Native => Ok(replay(&mut NativeTicks::new(&recording.about.plan.device))),
         #[cfg(unix)]
@@ -117,10 +117,7 @@ fn host(
 ) -> Result<(HostVerdict, Option<usize>), Failure> {
     let about = &recording.about;
     let shown = crate::work::watch();
-    let mut scene = crate::scene::from_sources(&recording.sources)?;
-    if let Ok(tissue) = Tissue::named(&about.tissue) {
-        scene.tissue = tissue.instead_of(scene.tissue);
-    }
+    let scene = crate::scene::recorded(recording)?;
     let mut solver = SceneSolver::for_session(&scene, &about.plan)?;
     drop(shown);
     let same_bits = about.same_bits(&here(recording));
@@ -145,116 +142,6 @@ fn host(
 pub fn draw(recording: &Path, folder: &Path, hz: f64) -> Result<(), Failure> {
     let recording = Recording::read(recording).map_err(failure)?;
     host(&recording, Some((folder, hz))).map(|_| ())
-}
-
-/// The console's tick that came out differently first, at either end.
-fn diverged_at(console: &ConsoleVerdict, host: &HostVerdict) -> Option<u32> {
-    let both = [console.diverged_at, host.diverged_at];
-    both.into_iter().flatten().min()
-}
-
-/// What `--format json` prints.
-#[derive(Serialize, JsonSchema)]
-pub struct Replayed {
-    /// The recording.
-    file: String,
-    /// States in it.
-    ticks: u64,
-    /// The console's tick that came out differently first, at either end.
-    diverged_at: Option<u32>,
-    /// Trace hash of the console's last tick, in hexadecimal.
-    hash: String,
-    /// Why the recording ends before the session did, if so.
-    cut_off: Option<String>,
-    /// The console's ticks.
-    console: OfConsole,
-    /// The solver's steps.
-    host: OfHost,
-    /// Files that `--series` has written.
-    pictures: Option<usize>,
-}
-
-/// The console's ticks, run again.
-#[derive(Serialize, JsonSchema)]
-struct OfConsole {
-    /// Ticks that came out the same.
-    verified_ticks: u64,
-    /// Those at the beginning of sessions that could not be compared.
-    unverified_ticks: u64,
-    /// Frames of the host that the line must have lost for the rest to come out the same.
-    lost_frames: u64,
-    /// The tick that came out differently first.
-    diverged_at: Option<u32>,
-    /// The tick from which on nothing can be compared.
-    unverifiable_from: Option<u32>,
-    /// Why, of either.
-    why: Option<String>,
-    /// Trace hash of the last tick that was run, in hexadecimal.
-    hash: String,
-}
-
-/// The solver's steps, run again.
-#[derive(Serialize, JsonSchema)]
-struct OfHost {
-    /// Solves in the recording.
-    steps: u64,
-    /// Those that came out the same.
-    verified_steps: u64,
-    /// Whether all of those have the same bits.
-    identical: bool,
-    /// Largest difference of an entry of a wrench, over the largest of the session so far.
-    largest_difference: f64,
-    /// The console's tick of the first solve that came out differently.
-    diverged_at: Option<u32>,
-    /// That solve, from 1.
-    diverged_step: Option<u64>,
-    /// The first solve that cannot be run again.
-    unverifiable_from: Option<u64>,
-    /// Why, of any of these.
-    why: Option<String>,
-    /// Hash of the solver's state after the last solve, in hexadecimal.
-    hash: String,
-}
-
-fn replayed(
-    args: &ReplayArgs,
-    recording: &Recording,
-    console: &ConsoleVerdict,
-    host: &HostVerdict,
-    pictures: Option<usize>,
-) -> Replayed {
-    let cut_off = match &recording.end {
-        End::Whole => None,
-        End::Cut(reason) => Some(reason.to_string()),
-    };
-    Replayed {
-        file: args.file.display().to_string(),
-        ticks: console.ticks,
-        diverged_at: diverged_at(console, host),
-        hash: format!("{:016x}", console.hash),
-        cut_off,
-        console: OfConsole {
-            verified_ticks: console.verified_ticks,
-            unverified_ticks: console.unverified_ticks,
-            lost_frames: console.lost_frames,
-            diverged_at: console.diverged_at,
-            unverifiable_from: console.unverifiable_from,
-            why: console.why.clone(),
-            hash: format!("{:016x}", console.hash),
-        },
-        host: OfHost {
-            steps: host.steps,
-            verified_steps: host.verified_steps,
-            identical: host.identical,
-            largest_difference: host.largest_difference,
-            diverged_at: host.diverged_at,
-            diverged_step: host.diverged_step,
-            unverifiable_from: host.unverifiable_from,
-            why: host.why.clone(),
-            hash: format!("{:016x}", host.hash),
-        },
-        pictures,
-    }
 }
 
 fn text(

@@ -11,7 +11,7 @@ use crate::signals::stop_on_signals;
 use crate::top::Top;
 use crate::view::PageArgs;
 use crate::view::session::{Viewed, has_desktop};
-use crate::{Format, Global, device, files};
+use crate::{Format, Global, files};
 use clap::{Args, ValueEnum};
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -28,7 +28,7 @@ use sutura_host::picture::Showing;
 use sutura_host::recording::{Tap, TappedConsole, TappedPort, TappedSolver};
 use sutura_host::scene::{LONGEST_S, Scene, Tissue, host_hz};
 use sutura_host::session::{
-    self, Attendant, LINE_BYTES_PER_S, Line, NOT_RENDERED, Plan, Progress, SceneSolver, Scheduling,
+    self, Attendant, Line, NOT_RENDERED, Plan, PlanError, Progress, SceneSolver, Scheduling,
     SessionError, Solve, Summary, check_rate, run_lockstep, run_real_time,
 };
 use sutura_shared::control::TICK_HZ;
@@ -351,7 +351,7 @@ fn viewed(args: &RunArgs, global: &Global, lockstep: bool) -> Result<Option<View
 }
 
 fn plan(args: &RunArgs, scene: &Scene) -> Result<Plan, Failure> {
-    let plan = plan_of(scene)?;
+    let plan = Plan::of_scene(scene)?;
     let plan = Plan {
         host_hz: args.host_hz.unwrap_or(plan.host_hz),
         seconds: args.seconds.unwrap_or(plan.seconds),
@@ -416,41 +416,6 @@ impl Door {
         }
         Ok(door)
     }
-}
-
-/// The session that a scene asks for.
-///
-/// # Errors
-/// Bad input: a scene without a hand, or a device that is unusable.
-pub fn plan_of(scene: &Scene) -> Result<Plan, Failure> {
-    let device = match scene.device {
-        Some(device) => device,
-        None => device::open(None)?,
-    };
-    let Some(hand) = scene.hand else {
-        let message = format!(
-            "the scene \"{}\" has no hand to hold a virtual console",
-            scene.name
-        );
-        return Err(Failure::say(
-            Cause::BadInput,
-            message,
-            "add a [hand] section as in scenes/palpation.toml",
-        ));
-    };
-    Ok(Plan {
-        device,
-        hand,
-        host_hz: scene.host.host_hz,
-        seconds: scene.seconds,
-        tick_hz: TICK_HZ,
-        state_every: 1,
-        horizon_us: scene.host.horizon_us,
-        clear_fault: false,
-        fixture: Fixture::None,
-        rendering: scene.usual_rendering(),
-        line_bytes_per_s: LINE_BYTES_PER_S,
-    })
 }
 
 type Watcher<'a> = dyn FnMut(&Progress<'_>) -> ControlFlow<()> + 'a;
@@ -594,6 +559,12 @@ fn in_lockstep(
     progress: &mut Watcher,
 ) -> Result<Summary, Failure> {
     run_lockstep(console, plan, solver, progress).map_err(|error| session_failure(error, "virtual"))
+}
+
+impl From<PlanError> for Failure {
+    fn from(error: PlanError) -> Failure {
+        Failure::new(Cause::BadInput, error)
+    }
 }
 
 /// A failed link with its exit code and the next step.

@@ -60,7 +60,11 @@ const OUTPUTS: &[Output] = &[
         "sutura run, within `scene`: threads and tissues that touch",
         of::<WoundReport>,
     ),
-    output("replay", "sutura replay", of::<crate::replay::Replayed>),
+    output(
+        "replay",
+        "sutura replay",
+        of::<sutura_host::recording::replay::Report>,
+    ),
     output("solve", "sutura solve", of::<crate::solve::Solved>),
     output(
         "solution",

@@ -7,7 +7,7 @@ use super::file::{DOCUMENT, ENDED, FILE};
 use super::samples::SolveSample;
 use super::tap::Direction;
 use super::{DOWN, SOLVE, UP};
-use crate::scene::Sources;
+use crate::scene::{self, Document, Scene, SceneError, Sources, Tissue};
 use mcap::read::{ChunkFlattener, Options};
 use mcap::records::Record;
 use std::collections::{BTreeMap, HashMap};
@@ -148,6 +148,18 @@ impl Recording {
             reason: error.to_string(),
         })?;
         Self::from_bytes(path, &bytes)
+    }
+
+    /// The scene that was run, with the tissue that it was run with.
+    ///
+    /// # Errors
+    /// What this program does not take of it.
+    pub fn scene(&self) -> Result<Scene, SceneError> {
+        let mut scene = scene::read(&Document::from_sources(&self.sources))?;
+        if let Ok(tissue) = Tissue::named(&self.about.tissue) {
+            scene.tissue = tissue.instead_of(scene.tissue);
+        }
+        Ok(scene)
     }
 
     /// Reads what is in a file; `path` is for messages.

@@ -66,6 +66,15 @@ pub fn find_device(
     Err(scene.flaw(value.span(), message, "no such device", Some(&help)))
 }
 
+/// The device of a scene that names none.
+///
+/// # Errors
+/// None unless what is built in is not sound.
+pub fn built_in_device() -> Result<DeviceDescription, SceneError> {
+    let (name, text) = BUILT_IN[0];
+    read_device(&Document::embedded(name, Path::new(""), text))
+}
+
 /// Reads a device file.
 ///
 /// # Errors

@@ -26,7 +26,7 @@ mod units;
 mod way;
 
 pub use added::ADDED_KEYS;
-pub use device::{BUILT_IN as BUILT_IN_DEVICES, find_device, read_device};
+pub use device::{BUILT_IN as BUILT_IN_DEVICES, built_in_device, find_device, read_device};
 pub use document::{Document, Flaw, SceneError, Sources, nearest};
 pub use gravity::Gravity;
 pub use hand::{hand_script, position_at};

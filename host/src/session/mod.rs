@@ -49,7 +49,7 @@ pub use overload::{Effort, GivenUp, Spared};
 pub use real_time::{Arms, Attendant, Line, run_real_time};
 pub use rows_frame::rows_frame;
 pub use scheduling::Scheduling;
-pub use setup::{Plan, SessionError, Tuning, check_rate, least_hz};
+pub use setup::{Plan, PlanError, SessionError, Tuning, check_rate, least_hz};
 pub use sideways::{Goal, sideways};
 pub use solver::{Happened, Moment, SceneSolver, Snapshot};
 pub(crate) use solver::{IN_BALANCE, MOST_PASSES, MOST_STEPS};

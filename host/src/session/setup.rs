@@ -3,12 +3,14 @@
 //! Entry points: [`Plan`], [`Plan::opening_orders`]. The same orders go to every console; only a simulated
 //! one is also told which device it is and what its hand does.
 
-use super::budget::most_rows;
+use super::budget::{LINE_BYTES_PER_S, most_rows};
 use super::horizon::LONGEST_US;
 use crate::link::{LinkError, Order};
-use crate::scene::Rendering;
+use crate::scene::{Rendering, Scene, SceneError, built_in_device};
+use miette::Diagnostic;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use sutura_shared::control::TICK_HZ;
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::wire::faults;
 use sutura_shared::wire::message::{Command, Fixture, HandScript, Hello, Mode, Simulate, State};
@@ -54,6 +56,22 @@ pub struct Tuning {
     pub host_hz: f64,
     /// What the console is given to render from.
     pub rendering: Rendering,
+}
+
+/// Why a scene asks for no session.
+#[derive(Debug, thiserror::Error, Diagnostic)]
+pub enum PlanError {
+    /// A simulated console would hang in the air.
+    #[error("the scene \"{scene}\" has no hand to hold a virtual console")]
+    #[diagnostic(help("add a [hand] section as in scenes/palpation.toml"))]
+    NoHand {
+        /// Its name.
+        scene: String,
+    },
+    /// Its device is unusable.
+    #[error(transparent)]
+    #[diagnostic(transparent)]
+    Device(#[from] SceneError),
 }
 
 /// Why a session did not run to its end.
@@ -106,6 +124,33 @@ pub enum SessionError {
 }
 
 impl Plan {
+    /// The session that a scene asks for, on a line that carries all.
+    ///
+    /// # Errors
+    /// [`PlanError`]: a scene without a hand, or a device that is unusable.
+    pub fn of_scene(scene: &Scene) -> Result<Plan, PlanError> {
+        let device = match scene.device {
+            Some(device) => device,
+            None => built_in_device()?,
+        };
+        let hand = scene.hand.ok_or_else(|| PlanError::NoHand {
+            scene: scene.name.clone(),
+        })?;
+        Ok(Plan {
+            device,
+            hand,
+            host_hz: scene.host.host_hz,
+            seconds: scene.seconds,
+            tick_hz: TICK_HZ,
+            state_every: 1,
+            horizon_us: scene.host.horizon_us,
+            clear_fault: false,
+            fixture: Fixture::None,
+            rendering: scene.usual_rendering(),
+            line_bytes_per_s: LINE_BYTES_PER_S,
+        })
+    }
+
     /// Most rows that a contact may have for the line to carry them all; 0: none are sent.
     pub fn most_rows(&self) -> usize {
         match self.rendering {

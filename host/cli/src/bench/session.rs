@@ -5,7 +5,6 @@
 //! wait for factors is left out: in real time factors come when they are made.
 
 use crate::failure::{Cause, Failure};
-use crate::run::plan_of;
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::ops::ControlFlow;
@@ -76,7 +75,7 @@ impl Solves {
     /// # Errors
     /// A scene that has no session, or no solver.
     pub fn of(scene: &Scene, passes: usize) -> Result<Solves, Failure> {
-        let plan = plan_of(scene)?;
+        let plan = Plan::of_scene(scene)?;
         let mut solver = SceneSolver::for_session(scene, &plan)?;
         let Some(begin) = solver.moment() else {
             // Nor are there columns for which a second pass would be made.

@@ -7,7 +7,7 @@ mod system;
 
 use crate::bench::session::{SessionUs, Solves};
 use crate::failure::{Cause, Failure};
-use crate::run::{link_failure, plan_of};
+use crate::run::link_failure;
 use crate::{Format, Global};
 use clap::Args;
 use schemars::JsonSchema;
@@ -16,7 +16,7 @@ use std::path::PathBuf;
 use sutura_hil::VirtualConsole;
 use sutura_host::link::open_serial;
 use sutura_host::scene::Scene;
-use sutura_host::session::{check_rate, least_hz};
+use sutura_host::session::{Plan, check_rate, least_hz};
 use system::System;
 
 /// Looks at this machine, and at the console on PORT, and says what to do about what it finds.
@@ -102,7 +102,7 @@ pub fn run(args: &DoctorArgs, global: &Global) -> Result<(), Failure> {
     match args.port.as_deref() {
         None => {}
         Some("virtual") => {
-            let plan = plan_of(&scene)?;
+            let plan = Plan::of_scene(&scene)?;
             let mut console = VirtualConsole::start(&plan.device).map_err(link_failure)?;
             let found = console::checks("virtual", console.host_port());
             answered = found.answered;
@@ -134,7 +134,7 @@ pub fn run(args: &DoctorArgs, global: &Global) -> Result<(), Failure> {
 /// How many solves a second the scene can have here where they take longest, measured over its whole script.
 fn host_rate(scene: &Scene) -> Result<Check, Failure> {
     const NAME: &str = "host_rate";
-    let plan = plan_of(scene)?;
+    let plan = Plan::of_scene(scene)?;
     if let Err(error) = check_rate(plan.host_hz, plan.tick_hz) {
         let least_hz = least_hz(plan.tick_hz);
         let help = format!("have its `[host]` say `host_hz = {least_hz}` or more");

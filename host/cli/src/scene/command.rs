@@ -1,7 +1,7 @@
 //! `sutura scene`: whether a scene is good, what it builds and what that costs, and the schema of its file.
 
 use crate::failure::{Failure, render};
-use crate::run::{plan_of, session_failure};
+use crate::run::session_failure;
 use crate::{Format, Global, display};
 use clap::{Args, Subcommand};
 use miette::{Diagnostic, Report};
@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use sutura_host::scene::{self, Flaw, Scene};
-use sutura_host::session::{SceneSolver, check_rate};
+use sutura_host::session::{Plan, SceneSolver, check_rate};
 use sutura_shared::control::TICK_HZ;
 use sutura_study::explain::{Component, explain};
 
@@ -103,7 +103,7 @@ fn check(path: &Path, global: &Global) -> Result<(), Failure> {
     }
     // What `run` refuses is refused here; without a hand a scene is for `solve`.
     if scene.hand.is_some() {
-        let plan = plan_of(&scene)?;
+        let plan = Plan::of_scene(&scene)?;
         check_rate(plan.host_hz, TICK_HZ).map_err(|error| session_failure(error, "virtual"))?;
     }
     SceneSolver::new(&scene)?;

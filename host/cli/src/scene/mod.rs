@@ -7,6 +7,7 @@ pub mod command;
 use crate::failure::{Cause, Failure, render};
 use miette::Report;
 use std::path::Path;
+use sutura_host::recording::Recording;
 use sutura_host::scene::{self, Document, Scene, SceneError, Sources, Tissue};
 
 /// Where the default scene is, seen from a checkout's root.
@@ -56,8 +57,8 @@ pub fn document(path: Option<&Path>) -> Result<Document, SceneError> {
 ///
 /// # Errors
 /// As [`open`].
-pub fn from_sources(sources: &Sources) -> Result<Scene, Failure> {
-    Ok(show(scene::read(&Document::from_sources(sources))?))
+pub fn recorded(recording: &Recording) -> Result<Scene, Failure> {
+    Ok(show(recording.scene()?))
 }
 
 /// A tissue instead of `auto`, which only sessions choose.

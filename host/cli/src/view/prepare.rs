@@ -4,7 +4,6 @@
 
 use super::settings::{self, Setting, Standing};
 use crate::failure::{Cause, Failure};
-use crate::run::plan_of;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use sutura_host::registry;
@@ -64,7 +63,7 @@ impl Prepared {
             scene.tissue = tissue.instead_of(scene.tissue);
         }
         crate::scene::without_session(&mut scene);
-        let mut plan = plan_of(&scene)?;
+        let mut plan = Plan::of_scene(&scene)?;
         plan.seconds = LONGEST_S;
         plan.host_hz = wish.host_hz.unwrap_or(plan.host_hz);
         plan.rendering = wish.rendering.unwrap_or_else(|| scene.usual_rendering());

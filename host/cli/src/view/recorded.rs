@@ -16,7 +16,7 @@ use std::time::Duration;
 use sutura_host::picture::{Painter, SolvesOf};
 use sutura_host::recording::replay::{HostVerdict, sessions};
 use sutura_host::recording::{Begins, Recording};
-use sutura_host::scene::{Scene, Tissue};
+use sutura_host::scene::Scene;
 use sutura_shared::wire::message::{Mode, State};
 use sutura_view::{Beginning, Shared};
 
@@ -40,10 +40,7 @@ impl Opened {
     /// A file that is no recording, or of a scene that is refused.
     pub fn read(file: &Path) -> Result<Opened, Failure> {
         let recording = Recording::read(file).map_err(failure)?;
-        let mut scene = crate::scene::from_sources(&recording.sources)?;
-        if let Ok(tissue) = Tissue::named(&recording.about.tissue) {
-            scene.tissue = tissue.instead_of(scene.tissue);
-        }
+        let scene = crate::scene::recorded(&recording)?;
         Ok(Opened { recording, scene })
     }
 }

@@ -1,0 +1,117 @@
+//! What a replay came to, with the keys that programs read.
+//!
+//! Entry point: [`Report::of`].
+
+use super::super::read::{End, Recording};
+use super::{ConsoleVerdict, HostVerdict};
+use schemars::JsonSchema;
+use serde::Serialize;
+use std::path::Path;
+
+/// What `--format json` prints.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+#[schemars(rename = "Replayed")]
+pub struct Report {
+    /// The recording.
+    pub file: String,
+    /// States in it.
+    pub ticks: u64,
+    /// The console's tick that came out differently first, at either end.
+    pub diverged_at: Option<u32>,
+    /// Trace hash of the console's last tick, in hexadecimal.
+    pub hash: String,
+    /// Why the recording ends before the session did, if so.
+    pub cut_off: Option<String>,
+    /// The console's ticks.
+    pub console: OfConsole,
+    /// The solver's steps.
+    pub host: OfHost,
+    /// Files that `--series` has written.
+    pub pictures: Option<usize>,
+}
+
+/// The console's ticks, run again.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+pub struct OfConsole {
+    /// Ticks that came out the same.
+    pub verified_ticks: u64,
+    /// Those at the beginning of sessions that could not be compared.
+    pub unverified_ticks: u64,
+    /// Frames of the host that the line must have lost for the rest to come out the same.
+    pub lost_frames: u64,
+    /// The tick that came out differently first.
+    pub diverged_at: Option<u32>,
+    /// The tick from which on nothing can be compared.
+    pub unverifiable_from: Option<u32>,
+    /// Why, of either.
+    pub why: Option<String>,
+    /// Trace hash of the last tick that was run, in hexadecimal.
+    pub hash: String,
+}
+
+/// The solver's steps, run again.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+pub struct OfHost {
+    /// Solves in the recording.
+    pub steps: u64,
+    /// Those that came out the same.
+    pub verified_steps: u64,
+    /// Whether all of those have the same bits.
+    pub identical: bool,
+    /// Largest difference of an entry of a wrench, over the largest of the session so far.
+    pub largest_difference: f64,
+    /// The console's tick of the first solve that came out differently.
+    pub diverged_at: Option<u32>,
+    /// That solve, from 1.
+    pub diverged_step: Option<u64>,
+    /// The first solve that cannot be run again.
+    pub unverifiable_from: Option<u64>,
+    /// Why, of any of these.
+    pub why: Option<String>,
+    /// Hash of the solver's state after the last solve, in hexadecimal.
+    pub hash: String,
+}
+
+impl Report {
+    /// Of a recording at `path` that was run again at both ends, without pictures.
+    pub fn of(
+        path: &Path,
+        recording: &Recording,
+        console: &ConsoleVerdict,
+        host: &HostVerdict,
+    ) -> Report {
+        let cut_off = match &recording.end {
+            End::Whole => None,
+            End::Cut(reason) => Some(reason.clone()),
+        };
+        let both = [console.diverged_at, host.diverged_at];
+        Report {
+            file: path.display().to_string(),
+            ticks: console.ticks,
+            diverged_at: both.into_iter().flatten().min(),
+            hash: format!("{:016x}", console.hash),
+            cut_off,
+            console: OfConsole {
+                verified_ticks: console.verified_ticks,
+                unverified_ticks: console.unverified_ticks,
+                lost_frames: console.lost_frames,
+                diverged_at: console.diverged_at,
+                unverifiable_from: console.unverifiable_from,
+                why: console.why.clone(),
+                hash: format!("{:016x}", console.hash),
+            },
+            host: OfHost {
+                steps: host.steps,
+                verified_steps: host.verified_steps,
+                identical: host.identical,
+                largest_difference: host.largest_difference,
+                diverged_at: host.diverged_at,
+                diverged_step: host.diverged_step,
+                unverifiable_from: host.unverifiable_from,
+                why: host.why.clone(),
+                hash: format!("{:016x}", host.hash),
+            },
+            pictures: None,
+        }
+    }
+}
