@@ -172,3 +172,75 @@ fn words_that_nothing_has_are_refused() {
     assert_eq!(output.code, 2, "{}", output.stderr);
     assert!(output.stderr.contains("nonsense"), "{}", output.stderr);
 }
+
+/// Shares, measured apart, are the table of one process; those of two machines are told apart by name.
+#[test]
+fn shares_are_merged_into_one_table_or_refused() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = |name: &str| directory.path().join(name).display().to_string();
+    let words = ["tradeoff", "--only", "beam linear", "--errors"];
+    let measured = |more: &[&str]| {
+        let arguments = [&words[..], &["--format", "json"], more].concat();
+        let output = sutura(&arguments);
+        assert_eq!(output.code, 0, "{}", output.stderr);
+        output.stdout
+    };
+    for number in ["1", "2"] {
+        let text = measured(&["--cases", &format!("{number}/2")]);
+        std::fs::write(path(number), text).expect("a file");
+    }
+    let (first, second, both) = (path("1"), path("2"), path("both"));
+    let merge = ["tradeoff", "merge", &first, &second];
+    let merged = sutura(&[&merge[..], &["--plot", &both, "--format", "json"]].concat());
+    assert_eq!(merged.code, 0, "{}", merged.stderr);
+    let table: Value = serde_json::from_str(&merged.stdout).expect("one object");
+    assert_described("tradeoff", &table);
+    let whole: Value = serde_json::from_str(&measured(&[])).expect("one object");
+    for key in ["cases", "truths", "best", "sutures", "literature", "extent"] {
+        assert_eq!(table[key], whole[key], "{key}");
+    }
+    let lines = table["cases"].as_array().expect("lines");
+    assert!(lines.iter().all(|line| line["step_us"].is_null()));
+    assert!(lines.iter().any(|line| line["error_pct"].is_f64()));
+    let csv = std::fs::read_to_string(directory.path().join("both/tradeoff.csv"));
+    assert_eq!(csv.expect("a table").lines().count(), lines.len() + 1);
+    let text = sutura(&merge).stdout;
+    assert!(
+        text.contains("1/2") && text.contains("beam-bending"),
+        "{text}"
+    );
+
+    let share = std::fs::read_to_string(&second).expect("a share");
+    let mut other: Value = serde_json::from_str(&share).expect("an object");
+    other["made"][0]["machine"]["host"] = "elsewhere".into();
+    std::fs::write(&second, other.to_string()).expect("a file");
+    // Errors alone are the same everywhere; times are not.
+    assert_eq!(sutura(&merge).code, 0);
+    for path in [&first, &second] {
+        let text = std::fs::read_to_string(path).expect("a share");
+        let timed = text.replace("\"timed\":false", "\"timed\":true");
+        std::fs::write(path, timed).expect("a file");
+    }
+    let refused = sutura(&merge);
+    assert_eq!(refused.code, 2, "{}", refused.stdout);
+    for word in [
+        "are not of one table: the machine is `",
+        "`elsewhere` (",
+        "times of two machines make no front",
+    ] {
+        assert!(refused.stderr.contains(word), "{word}: {}", refused.stderr);
+    }
+    let alone = sutura(&["tradeoff", "merge", &first]);
+    assert_eq!(alone.code, 2);
+    assert!(
+        alone.stderr.contains("of the 2 shares 2/2 are missing"),
+        "{}",
+        alone.stderr
+    );
+    let nothing = sutura(&["tradeoff", "--only", "beam", "--cases", "3/2"]);
+    assert!(
+        nothing.stderr.contains("give I/N with I from 1 to N"),
+        "{}",
+        nothing.stderr
+    );
+}

@@ -276,6 +276,19 @@ const LONG: &[(&str, Way)] = &[
     ("sutura tradeoff --full --plot figures", Ends(&["figures"])),
     ("sutura tradeoff --full --plot out", Ends(&["out"])),
     ("sutura tradeoff --full --only beam-bending", Ends(&[])),
+    ("sutura tradeoff --only beam --errors", Ends(&[])),
+    (
+        "sutura tradeoff --only \"beam linear\" --cases 1/2 --plot share-1",
+        Ends(&["share-1"]),
+    ),
+    (
+        "sutura tradeoff --only \"beam linear\" --cases 2/2 --plot share-2",
+        Ends(&["share-2"]),
+    ),
+    (
+        "sutura tradeoff merge share-1/tradeoff.json share-2/tradeoff.json --plot both",
+        Ends(&["both"]),
+    ),
     (
         "sutura tradeoff --only \"cube linear\" --format json",
         Ends(&[]),

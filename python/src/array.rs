@@ -1,7 +1,7 @@
-//! Arrays in and out. Entry points: [`vector`], [`give`].
+//! Arrays in and out. Entry points: [`vector`], [`matrix`], [`give`].
 
 use numpy::{
-    AllowTypeChange, Element, PyArray1, PyArrayDyn, PyArrayLike1, PyArrayMethods,
+    AllowTypeChange, Element, PyArray1, PyArrayDyn, PyArrayLike1, PyArrayLikeDyn, PyArrayMethods,
     PyUntypedArrayMethods, dtype,
 };
 use pyo3::exceptions::{PyTypeError, PyValueError};
@@ -35,6 +35,35 @@ pub fn vector<const N: usize>(name: &str, given: &Bound<'_, PyAny>) -> PyResult<
         *to = *from;
     }
     Ok(numbers)
+}
+
+/// A 3 x 3 matrix of finite numbers of an argument called `name`, row by row.
+///
+/// # Errors
+/// As [`vector`].
+pub fn matrix(name: &str, given: &Bound<'_, PyAny>) -> PyResult<[[f64; 3]; 3]> {
+    let array: PyArrayLikeDyn<'_, f64, AllowTypeChange> = given.extract().map_err(|_| {
+        let kind = given.get_type();
+        PyTypeError::new_err(format!("{name} is of {kind}: give 3 rows of 3 numbers"))
+    })?;
+    let view = array.as_array();
+    if view.shape() != [3, 3] {
+        let shape = of(view.shape());
+        return Err(PyValueError::new_err(format!(
+            "{name} has the shape {shape}: give (3, 3)"
+        )));
+    }
+    let mut rows = [[0.0; 3]; 3];
+    for (index, (to, from)) in rows.as_flattened_mut().iter_mut().zip(view).enumerate() {
+        if !from.is_finite() {
+            let (row, column) = (index / 3, index % 3);
+            return Err(PyValueError::new_err(format!(
+                "{name}[{row}, {column}] is {from}: give finite numbers"
+            )));
+        }
+        *to = *from;
+    }
+    Ok(rows)
 }
 
 /// Numbers row by row as an array of this shape: a fresh one, or `out`.

@@ -3,6 +3,7 @@
 use miette::{Diagnostic, GraphicalReportHandler, GraphicalTheme};
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
+use sutura_host::link::LinkError;
 use sutura_host::session;
 
 pyo3::create_exception!(
@@ -28,6 +29,13 @@ pyo3::create_exception!(
     BusyError,
     Error,
     "A solver that another thread is using."
+);
+
+pyo3::create_exception!(
+    sutura,
+    ConsoleError,
+    Error,
+    "A console that is not there, went away, or refuses: what is wrong, and the next step."
 );
 
 /// A diagnostic as the command shows it off a terminal: no colours, no wrapping.
@@ -57,13 +65,36 @@ pub fn of_solve(error: &session::SolveError) -> PyErr {
     }
 }
 
+/// A link that is not there, or broke.
+pub fn of_link(error: &LinkError) -> PyErr {
+    ConsoleError::new_err(format!("{error}: {}", error.help()))
+}
+
+/// A session that did not run to its end.
+pub fn of_session(error: &session::SessionError) -> PyErr {
+    match error {
+        session::SessionError::Link(error) => of_link(error),
+        other => ConsoleError::new_err(other.to_string()),
+    }
+}
+
 /// A scene that asks for no session.
 pub fn of_plan(error: &session::PlanError) -> PyErr {
     match error {
         session::PlanError::Device(error) => of_scene(error),
-        session::PlanError::NoHand { .. } => match error.help() {
-            Some(help) => Error::new_err(format!("{error}: {help}")),
-            None => Error::new_err(error.to_string()),
-        },
+        session::PlanError::NoHand { .. } => Error::new_err(said(error)),
     }
+}
+
+/// What is wrong, and what to do about it, in a line.
+pub fn said(error: &dyn Diagnostic) -> String {
+    match error.help() {
+        Some(help) => format!("{error}: {help}"),
+        None => error.to_string(),
+    }
+}
+
+/// What Python wants to do about Ctrl-C.
+pub fn interrupted() -> PyResult<()> {
+    Python::attach(|py| py.check_signals())
 }

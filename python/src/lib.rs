@@ -4,11 +4,13 @@
 //! are copied, into fresh arrays or into `out`.
 
 mod array;
+mod console;
 mod error;
 mod report;
 mod scene;
 mod session;
 mod solver;
+mod study;
 
 use pyo3::prelude::*;
 
@@ -16,7 +18,9 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _sutura {
     #[pymodule_export]
-    use crate::error::{BusyError, Error, SceneError, SolveError};
+    use crate::console::{Console, Pose};
+    #[pymodule_export]
+    use crate::error::{BusyError, ConsoleError, Error, SceneError, SolveError};
     #[pymodule_export]
     use crate::report::{Contact, Jaws, Needle, Step, Thread};
     #[pymodule_export]
@@ -25,6 +29,8 @@ mod _sutura {
     use crate::session::{replay_session, run_session};
     #[pymodule_export]
     use crate::solver::{Moment, Solver};
+    #[pymodule_export]
+    use crate::study::{fidelity, merge_tradeoff, stability, tradeoff, tradeoff_cases};
 
     /// The release of the solver.
     #[pymodule_export]

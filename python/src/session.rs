@@ -1,24 +1,28 @@
-//! Sessions on the virtual console, tick by tick, and recordings run again. Entry points from Python: `sutura.run`,
+//! Sessions, tick by tick on the virtual console or in real time on any, and recordings run again. Entry points from Python: `sutura.run`,
 //! `sutura.replay`. Both return JSON with the keys of the command's.
 
-use crate::error::{self, Error};
+use crate::error::{self, Error, interrupted};
 use crate::scene::Scene;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::Arc;
-use sutura_hil::NativeConsole;
+use sutura_hil::{NativeConsole, VirtualConsole};
+use sutura_host::link::{LinkOptions, Port, drain, knock, open_serial};
 use sutura_host::recording::replay::{NativeTicks, Report, replay_console, replay_host_while};
 use sutura_host::recording::{
-    About, Recorder, Recording, RecordingError, TappedConsole, TappedSolver,
+    About, Recorder, Recording, RecordingError, Tap, TappedConsole, TappedPort, TappedSolver,
 };
 use sutura_host::scene::{self, LONGEST_S, Tissue};
-use sutura_host::session::{Plan, Progress, Rendering, SceneSolver, check_rate, run_lockstep};
+use sutura_host::session::{
+    Plan, Progress, Rendering, SceneSolver, Solve, Summary, check_rate, run_lockstep, run_real_time,
+};
 use sutura_shared::control::TICK_HZ;
 
-/// Runs a scene on the virtual console: see `sutura.run`.
+/// Runs a scene on a console: see `sutura.run`.
 #[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "by name, in Python")]
 pub fn run_session(
     py: Python<'_>,
     scene: &Scene,
@@ -27,23 +31,26 @@ pub fn run_session(
     rendering: Option<&str>,
     record: Option<PathBuf>,
     build: String,
+    console: &str,
+    lockstep: bool,
 ) -> PyResult<String> {
     let plan = plan(&scene.inner, seconds, host_hz, rendering)?;
     let (inner, sources) = (scene.inner.clone(), scene.sources.clone());
     py.detach(|| {
         let mut solver =
             SceneSolver::for_session(&inner, &plan).map_err(|error| error::of_solve(&error))?;
+        // In lockstep columns are computed in step: when they are there must not depend on this machine's pace.
+        if !lockstep {
+            solver.start_worker();
+        }
         let about = About {
-            console: "virtual".to_owned(),
-            lockstep: true,
-            worker: false,
+            console: console.to_owned(),
+            lockstep,
+            worker: !lockstep,
             ..About::here(build, &plan, &inner.tissue.to_string())
         };
         let recorder = Recorder::start(record.as_deref(), about, sources);
         let recorder = recorder.map_err(|error| of_recording(&error))?;
-        let mut console = NativeConsole::new(&plan.device)
-            .map_err(|error| Error::new_err(format!("the device is unusable: {error}")))?;
-        let mut console = TappedConsole::new(&mut console, recorder.tap());
         let mut solver = TappedSolver::new(&mut solver, recorder.tap()).sketched(&inner);
         let mut stopped = None;
         let watch = |_: &Progress<'_>| match interrupted() {
@@ -53,19 +60,59 @@ pub fn run_session(
                 ControlFlow::Break(())
             }
         };
-        let summary = run_lockstep(&mut console, &plan, &mut solver, watch);
+        let summary = match lockstep {
+            true => in_lockstep(&plan, &mut solver, &recorder.tap(), watch),
+            false => in_real_time(console, &plan, &mut solver, &recorder.tap(), watch),
+        };
         recorder.finish().map_err(|error| of_recording(&error))?;
         if let Some(error) = stopped {
             return Err(error);
         }
-        let summary = summary.map_err(|error| Error::new_err(error.to_string()))?;
-        serde_json::to_string(&summary).map_err(|error| Error::new_err(error.to_string()))
+        serde_json::to_string(&summary?).map_err(|error| Error::new_err(error.to_string()))
     })
 }
 
-/// What Python wants to do about Ctrl-C.
-fn interrupted() -> PyResult<()> {
-    Python::attach(|py| py.check_signals())
+/// With the virtual console, a tick at a time.
+fn in_lockstep(
+    plan: &Plan,
+    solver: &mut dyn Solve,
+    tap: &Tap,
+    watch: impl FnMut(&Progress<'_>) -> ControlFlow<()>,
+) -> PyResult<Summary> {
+    let mut console = NativeConsole::new(&plan.device)
+        .map_err(|error| Error::new_err(format!("the device is unusable: {error}")))?;
+    let mut console = TappedConsole::new(&mut console, tap.clone());
+    run_lockstep(&mut console, plan, solver, watch).map_err(|error| error::of_session(&error))
+}
+
+/// With a console that runs by its own clock: the virtual one in this process, or one at a port. One that goes away ends the
+/// session.
+fn in_real_time(
+    name: &str,
+    plan: &Plan,
+    solver: &mut dyn Solve,
+    tap: &Tap,
+    watch: impl FnMut(&Progress<'_>) -> ControlFlow<()>,
+) -> PyResult<Summary> {
+    let link = |error| error::of_link(&error);
+    let options = LinkOptions {
+        real_time: true,
+        at_once: true,
+        ..LinkOptions::default()
+    };
+    let mut simulated = None;
+    let port = if name == "virtual" {
+        let console = VirtualConsole::start_in_memory(&plan.device).map_err(link)?;
+        simulated.insert(console).host_port().map_err(link)?
+    } else {
+        let mut port = open_serial(name).map_err(link)?;
+        // A session that nobody uses is nobody's: the next one is opened as if this had not been.
+        knock(port.as_mut(), &LinkOptions::default()).map_err(link)?;
+        drain(port.as_mut()).map_err(link)?;
+        port
+    };
+    let port: Box<dyn Port> = Box::new(TappedPort::new(port, tap.clone()));
+    run_real_time(port, options, plan, solver, watch).map_err(|error| error::of_session(&error))
 }
 
 /// The session that a scene asks for, but for what is given.

@@ -166,6 +166,34 @@ impl Solver {
         Ok(Step(report))
     }
 
+    /// Time of steps at grips (k, 3) \[m\] one after the other, each with a wrench copied out, without Python \[us\], (k,): what a
+    /// step from Python is compared with.
+    fn _steps_us<'py>(
+        &self,
+        py: Python<'py>,
+        positions_m: Vec<[f64; 3]>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let mut inside = self.inside()?;
+        let driven = inside.solver.driven().unwrap_or_default();
+        let period_s = 1.0 / self.scene.host.host_hz;
+        let mut times_us = Vec::with_capacity(positions_m.len());
+        for position_m in positions_m {
+            let time_s = inside.next_s(None, period_s)?;
+            let pose = Pose {
+                position_m,
+                orientation: UPRIGHT,
+            };
+            let start = std::time::Instant::now();
+            let mut sample = at_rest(driven, &pose);
+            sample.console_time_us = (1e6 * time_s).round() as u64;
+            let report = inside.step(sample, 1);
+            std::hint::black_box(report.contacts().first().map(|contact| contact.wrench));
+            times_us.push(1e6 * start.elapsed().as_secs_f64());
+            inside.time_s = Some(time_s);
+        }
+        give(py, &times_us, &[times_us.len()], None)
+    }
+
     /// The last step's.
     #[getter]
     fn last(&self) -> PyResult<Step> {

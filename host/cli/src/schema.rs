@@ -72,12 +72,20 @@ const OUTPUTS: &[Output] = &[
         of::<sutura_host::output::Solution>,
     ),
     output("bench", "sutura bench", of::<crate::bench::Report>),
-    output("fidelity", "sutura fidelity", of::<crate::fidelity::Report>),
-    output("tradeoff", "sutura tradeoff", of::<crate::tradeoff::Output>),
+    output(
+        "fidelity",
+        "sutura fidelity",
+        of::<sutura_study::fidelity::report::Report>,
+    ),
+    output(
+        "tradeoff",
+        "sutura tradeoff",
+        of::<sutura_study::tradeoff::table::Table>,
+    ),
     output(
         "stability",
         "sutura stability",
-        of::<crate::stability::Output>,
+        of::<sutura_study::stability::suite::Table>,
     ),
     output(
         "scene-check",

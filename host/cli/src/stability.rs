@@ -7,11 +7,10 @@ use crate::tables::{Kept, csv, unwritable};
 use crate::{Format, Global};
 use clap::Args;
 use indicatif::ProgressBar;
-use schemars::JsonSchema;
-use serde::Serialize;
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 use sutura_study::stability::judge;
-use sutura_study::stability::suite::{self, Case};
+use sutura_study::stability::suite::{self, Case, Table};
 
 /// Drives every tissue model, the row solver and the console to the extremes, and says what came of it.
 #[derive(Args, Debug)]
@@ -39,23 +38,6 @@ Examples:
 
 An outcome is `stable`, `degraded` (the note says how) or `refused` (the note says why).
 Anything else is a defect: it is named, and the exit code is 1.";
-
-#[derive(Serialize, JsonSchema)]
-pub struct Output<'a> {
-    status: &'static str,
-    extent: &'static str,
-    limits: Limits,
-    cases: &'a [Case],
-}
-
-/// What `stable` means.
-#[derive(Serialize, JsonSchema)]
-struct Limits {
-    residual: f64,
-    difference: f64,
-    left_after_release: f64,
-    away: f64,
-}
 
 /// Runs the cases and prints the table.
 ///
@@ -94,6 +76,7 @@ pub fn run(args: &StabilityArgs, global: &Global) -> Result<(), Failure> {
                 case.outcome
             );
         }
+        ControlFlow::Continue(())
     };
     let cases = suite::measure(args.full, &words, &mut told)?;
     bar.finish_and_clear();
@@ -104,25 +87,16 @@ pub fn run(args: &StabilityArgs, global: &Global) -> Result<(), Failure> {
             "words are parts of a tissue or of what is extreme: `corotational`, `turn`, `rows`, `console`",
         ));
     }
+    let output = Table::of(args.full, cases);
+    let cases = &output.cases;
     let defects: Vec<_> = cases
         .iter()
         .filter(|case| case.outcome == "defect")
         .collect();
-    let output = Output {
-        status: if defects.is_empty() { "ok" } else { "failed" },
-        extent: if args.full { "full" } else { "short" },
-        limits: Limits {
-            residual: judge::MOST_RESIDUAL,
-            difference: judge::MOST_DIFFERENCE,
-            left_after_release: judge::MOST_LEFT,
-            away: judge::MOST_AWAY,
-        },
-        cases: &cases,
-    };
     if let Some(directory) = &args.plot {
         for (name, text) in [
             ("stability.json", serde_json::json!(output).to_string()),
-            ("stability.csv", csv(&cases)),
+            ("stability.csv", csv(cases)),
         ] {
             let path = directory.join(name);
             std::fs::write(&path, text).map_err(|error| unwritable(&path, &error))?;
@@ -130,7 +104,7 @@ pub fn run(args: &StabilityArgs, global: &Global) -> Result<(), Failure> {
     }
     match global.format {
         Format::Json => crate::display::object(&output),
-        Format::Text => print_text(&cases),
+        Format::Text => print_text(cases),
     }
     if let Some(first) = defects.first() {
         return Err(Failure::say(

@@ -6,18 +6,22 @@ use crate::display::progress;
 use crate::failure::{Cause, Failure};
 use crate::tables::{Kept, csv, unwritable, write_pictures};
 use crate::{Format, Global};
-use clap::Args;
-use schemars::JsonSchema;
-use serde::Serialize;
+use clap::{Args, Subcommand};
+use serde_json::{Value, json};
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
-use sutura_study::tradeoff::literature::{FIGURES, Figure};
-use sutura_study::tradeoff::measure::{self, Extent, Row};
+use sutura_study::machine::{IDLE, load};
+use sutura_study::tradeoff::literature::FIGURES;
+use sutura_study::tradeoff::measure::{self, Extent};
 use sutura_study::tradeoff::suture;
+use sutura_study::tradeoff::table::{Line, NoMerge, NoPlan, Plan, Share, merge, words};
 
 /// Measures error against time of every tissue model, over its settings and meshes.
 #[derive(Args, Debug)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = EXAMPLES, args_conflicts_with_subcommands = true)]
 pub struct TradeoffArgs {
+    #[command(subcommand)]
+    pub then: Option<TradeoffCommand>,
     /// All cases, settings and meshes; without it a few on coarse meshes, in seconds.
     #[arg(long)]
     pub full: bool,
@@ -27,9 +31,33 @@ pub struct TradeoffArgs {
     /// Runs only what has all these words in the name of its case or its tissue: `beam corotational`.
     #[arg(long, value_name = "WORDS")]
     pub only: Option<String>,
+    /// Only the Ith of N shares of the cases, as `2/4`: for batch schedulers. `sutura tradeoff merge` makes one table of them.
+    #[arg(long, value_name = "I/N")]
+    pub cases: Option<Share>,
+    /// Errors alone: no times and no front, but the same to the bit on every machine of the same instructions, however busy.
+    #[arg(long)]
+    pub errors: bool,
     /// One JSON object per line on stdout for every line of the table as it is measured.
     #[arg(long)]
     pub stream: bool,
+}
+
+/// What is done with shares.
+#[derive(Subcommand, Debug)]
+pub enum TradeoffCommand {
+    /// One table from the files of all shares; times of two machines, or two programs, are refused.
+    Merge(MergeArgs),
+}
+
+/// Puts shares together.
+#[derive(Args, Debug)]
+pub struct MergeArgs {
+    /// What `sutura tradeoff --cases I/N --format json` printed, or the tradeoff.json of its `--plot DIR`: one for each share.
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// Writes tables (CSV, JSON) and plots (SVG) into this directory.
+    #[arg(long, value_name = "DIR")]
+    pub plot: Option<PathBuf>,
 }
 
 const EXAMPLES: &str = "\
@@ -38,110 +66,127 @@ Examples:
   sutura tradeoff --full --plot figures        all of them; CSV, JSON, and error against time as SVG
   sutura tradeoff --full --only beam-bending   one case
   sutura tradeoff --only \"cube linear\" --format json
+  sutura tradeoff --only beam --errors         errors without times, on a machine that is busy
+  sutura tradeoff --only \"beam linear\" --cases 1/2 --plot share-1
+  sutura tradeoff --only \"beam linear\" --cases 2/2 --plot share-2
+  sutura tradeoff merge share-1/tradeoff.json share-2/tradeoff.json --plot both
 
 Errors are against solutions that the command computes itself: Newton's balance of the same cells and law
 (disp_*, force_pct), and quadratic cells on the finest mesh (truth_*; arrival_* before tissue has
 come to rest). A suture (`suture-closed`) is a table of its own: gap, tension and steps on linear, corotational and
-hyperelastic tissue, against the latter on the finest mesh. Times are this machine's. Build with --release.";
-
-#[derive(Serialize, JsonSchema)]
-pub struct Output<'a> {
-    status: &'static str,
-    extent: &'static str,
-    #[serde(flatten)]
-    report: &'a measure::Report,
-    sutures: &'a [suture::Row],
-    #[schemars(with = "Vec<Figure>")]
-    literature: [Figure; FIGURES.len()],
-}
+hyperelastic tissue, against the latter on the finest mesh. Times are this machine's: `made[]` names it and what else
+ran on it. Build with --release.";
 
 /// Measures and prints the report.
 ///
 /// # Errors
 /// Bad input for words that nothing has; failed if a case has no answer.
 pub fn run(args: &TradeoffArgs, global: &Global) -> Result<(), Failure> {
+    if let Some(TradeoffCommand::Merge(args)) = &args.then {
+        return merged(args, global);
+    }
     // Before hours of work that could not be kept.
     if let Some(directory) = &args.plot {
         crate::files::folder("--plot", directory, global)?;
     }
-    if cfg!(debug_assertions) {
+    let extent = Extent {
+        full: args.full,
+        timed: !args.errors,
+    };
+    let share = args.cases.unwrap_or(Share::ALL);
+    let plan = Plan::new(extent, args.only.as_deref().unwrap_or_default(), share)?;
+    if cfg!(debug_assertions) && extent.timed {
         tracing::warn!("a debug build: times mean little");
     }
-    let extent = Extent { full: args.full };
-    let words: Vec<_> = args
-        .only
-        .iter()
-        .flat_map(|only| only.split_whitespace())
-        .collect();
-    let plan = measure::plan(extent, &words);
-    let sewn = suture::plan(&words);
-    if plan.is_empty() && sewn.is_empty() {
-        return Err(Failure::say(
-            Cause::BadInput,
-            format!(
-                "no case and tissue have all the words `{}`",
-                words.join(" ")
-            ),
-            "words are parts of a case's or a tissue's name: `beam`, `cylinder-compressed`, `linear`; --full has more cases",
-        ));
+    if let Some(load) = load().filter(|load| extent.timed && *load > IDLE) {
+        tracing::info!("the machine is not idle: {load} processes ran in the last minute");
     }
     let kept = Kept::within(args.plot.as_deref())?;
-    let bar = progress(measure::lines(&plan, extent) + suture::lines(&sewn, extent));
-    let mut told = |row: &Row| {
+    let bar = progress(plan.lines());
+    let mut told = |line: Line<'_>| {
         bar.inc(1);
-        bar.set_message(format!("{} {}", row.case, row.tissue));
-        kept.line(row);
-        if args.stream {
-            say!("{}", serde_json::json!(row));
-        } else {
-            tracing::info!(
+        kept.line(&line);
+        let (case, tissue) = match line {
+            Line::Case(row) => (row.case, row.tissue),
+            Line::Suture(row) => (row.case, row.tissue),
+        };
+        bar.set_message(format!("{case} {tissue}"));
+        match line {
+            _ if args.stream => say!("{}", json!(line)),
+            Line::Case(row) => tracing::info!(
                 "{} {} {}: {:.0} us, {:.2} %",
                 row.case,
                 row.tissue,
                 row.settings,
                 row.step_us,
                 row.error_pct
-            );
+            ),
+            Line::Suture(_) => {}
         }
+        ControlFlow::Continue(())
     };
-    let report = measure::measure(&plan, extent, &mut told).map_err(|why| {
+    let table = plan.measure(env!("SUTURA_VERSION"), &mut told);
+    bar.finish_and_clear();
+    let table = table.map_err(|why| {
         Failure::say(
             Cause::Failed,
             why,
             "the other cases can be run by their names with --only",
         )
     })?;
-    let sutures = suture::measure(&sewn, extent, &mut |row| {
-        bar.inc(1);
-        bar.set_message(format!("{} {}", row.case, row.tissue));
-        kept.line(row);
-        if args.stream {
-            say!("{}", serde_json::json!(row));
-        }
-    });
-    bar.finish_and_clear();
-    let output = Output {
-        status: "ok",
-        extent: if args.full { "full" } else { "short" },
-        report: &report,
-        sutures: &sutures,
-        literature: FIGURES,
-    };
     if let Some(directory) = &args.plot {
-        write_files(&output, directory)?;
+        write_files(&json!(table), directory)?;
     }
     match global.format {
-        Format::Json => crate::display::object(&output),
+        Format::Json => crate::display::object(&table),
         Format::Text => {
-            print_text(&report);
-            print_sutures(&sutures);
+            print_text(&table.report, extent.timed);
+            print_sutures(&table.sutures);
             print_literature();
         }
     }
     Ok(())
 }
 
-fn print_text(report: &measure::Report) {
+/// Makes one table of shares.
+fn merged(args: &MergeArgs, global: &Global) -> Result<(), Failure> {
+    let read = |path: &PathBuf| {
+        let name = path.display().to_string();
+        match std::fs::read_to_string(path) {
+            Ok(text) => Ok((name, text)),
+            Err(error) => Err(Failure::say(
+                Cause::BadInput,
+                format!("cannot read {name}: {error}"),
+                "give what `sutura tradeoff --cases I/N --format json` printed, or the tradeoff.json of its --plot DIR",
+            )),
+        }
+    };
+    let shares: Vec<_> = args.files.iter().map(read).collect::<Result<_, _>>()?;
+    let table = merge(&shares)?;
+    if let Some(directory) = &args.plot {
+        crate::files::folder("--plot", directory, global)?;
+        write_files(&table, directory)?;
+    }
+    match global.format {
+        Format::Json => crate::display::object(&table),
+        Format::Text => say!("{}", words(&table)),
+    }
+    Ok(())
+}
+
+impl From<NoPlan> for Failure {
+    fn from(error: NoPlan) -> Failure {
+        Failure::new(Cause::BadInput, error)
+    }
+}
+
+impl From<NoMerge> for Failure {
+    fn from(error: NoMerge) -> Failure {
+        Failure::new(Cause::BadInput, error)
+    }
+}
+
+fn print_text(report: &measure::Report, timed: bool) {
     for truth in &report.truths {
         say!("{}: {}", truth.case, truth.about);
         say!(
@@ -189,6 +234,9 @@ fn print_text(report: &measure::Report) {
                 }
             );
         }
+    }
+    if !timed {
+        return;
     }
     say!(
         "* nothing on the case is both faster and nearer to the truth, by the largest of the errors moving, at rest, and of the force"
@@ -262,16 +310,20 @@ fn print_literature() {
     }
 }
 
-fn write_files(output: &Output, directory: &Path) -> Result<(), Failure> {
+fn write_files(report: &Value, directory: &Path) -> Result<(), Failure> {
     let write = |name: &str, text: String| {
         let path = directory.join(name);
         std::fs::write(&path, text).map_err(|error| unwritable(&path, &error))
     };
-    let report = serde_json::json!(output);
     write("tradeoff.json", report.to_string())?;
-    write("tradeoff.csv", csv(&output.report.cases))?;
-    write("tradeoff-best.csv", csv(&output.report.best))?;
-    write("tradeoff-truths.csv", csv(&output.report.truths))?;
-    write("tradeoff-sutures.csv", csv(output.sutures))?;
-    write_pictures(&report, directory)
+    for (name, list) in [
+        ("tradeoff.csv", "cases"),
+        ("tradeoff-best.csv", "best"),
+        ("tradeoff-truths.csv", "truths"),
+        ("tradeoff-sutures.csv", "sutures"),
+    ] {
+        let lines = report[list].as_array().map_or(&[][..], Vec::as_slice);
+        write(name, csv(lines))?;
+    }
+    write_pictures(report, directory)
 }

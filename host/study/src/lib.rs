@@ -6,6 +6,7 @@
 pub mod choice;
 pub mod explain;
 pub mod fidelity;
+pub mod machine;
 pub mod stability;
 pub mod tradeoff;
 pub mod trial;

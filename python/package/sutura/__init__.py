@@ -17,11 +17,14 @@ from typing import Any
 
 from ._sutura import (
     BusyError,
+    Console,
+    ConsoleError,
     Contact,
     Error,
     Jaws,
     Moment,
     Needle,
+    Pose,
     Scene,
     SceneError,
     SolveError,
@@ -31,15 +34,20 @@ from ._sutura import (
     __version__,
 )
 from ._sessions import replay, run
+from ._studies import fidelity, merge, stability, tradeoff
+from ._sweep import run_task, sweep, tradeoff_tasks
 from ._toml import to_toml
 
 __all__ = [
     "BusyError",
+    "Console",
+    "ConsoleError",
     "Contact",
     "Error",
     "Jaws",
     "Moment",
     "Needle",
+    "Pose",
     "Scene",
     "SceneError",
     "SolveError",
@@ -47,11 +55,18 @@ __all__ = [
     "Step",
     "Thread",
     "__version__",
+    "fidelity",
     "load",
+    "merge",
     "replay",
     "run",
+    "run_task",
     "scene",
+    "stability",
+    "sweep",
     "to_toml",
+    "tradeoff",
+    "tradeoff_tasks",
 ]
 
 

@@ -23,17 +23,27 @@ def run(
     host_hz: float | None = None,
     rendering: str | None = None,
     record: str | os.PathLike[str] | None = None,
+    console: str = "virtual",
+    lockstep: bool | None = None,
 ) -> dict[str, Any]:
     """Runs a scene's session with the virtual console in this process, a tick at a time: two runs give the same bits.
 
+    With `lockstep=False` it runs in real time, or with the console at a serial port, `console`, which always does and has
+    motors: keep a hand on its emergency stop.
+
     What is left out is the scene's: its length [s], the solver's steps a second, and what the console renders from
     ("hold", "tangent" or "rows"). `record` is the file of a recording, for `replay` and for the command. Returns the
-    session's summary, with the keys of `sutura run --lockstep --format json`; `status` says whether it was felt as it
+    session's summary, with the keys of `sutura run --format json`; `status` says whether it was felt as it
     should be. Ctrl-C ends it.
     """
     path = None if record is None else os.fspath(record)
-    summary: dict[str, Any] = json.loads(_sutura.run_session(scene, seconds, host_hz, rendering, path, _build()))
-    return summary | {"console": "virtual"}
+    if lockstep is None:
+        lockstep = console == "virtual"
+    if lockstep and console != "virtual":
+        raise ValueError(f"console is {console!r}, which runs by its own clock: lockstep=True goes with console='virtual'")
+    text = _sutura.run_session(scene, seconds, host_hz, rendering, path, _build(), console, lockstep)
+    summary: dict[str, Any] = json.loads(text)
+    return summary | {"console": console}
 
 
 def replay(path: str | os.PathLike[str]) -> dict[str, Any]:

@@ -429,12 +429,8 @@ fn quantile(values: &mut [f64], q: f64) -> f64 {
 }
 
 fn machine() -> Machine {
-    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let model = info
-        .lines()
-        .find_map(|line| line.strip_prefix("model name")?.split_once(':'));
     Machine {
-        cpu: model.map_or("unknown", |(_, name)| name.trim()).to_owned(),
+        cpu: sutura_study::machine::cpu(),
         threads: std::thread::available_parallelism().map_or(1, usize::from),
         os: std::env::consts::OS,
         arch: std::env::consts::ARCH,

@@ -3,7 +3,7 @@
 //!
 //! Entry points: [`run::run`] for one run, [`measure`] and [`notice`] for what it says, [`stiffest`] for the largest
 //! stable stiffness, [`suite`] for the published cases, [`bars`] for what they must be, [`mutants`] for what each guard
-//! is for, [`trials`] and [`corners`] for what such cases hide.
+//! is for, [`report`] for all of it, [`trials`] and [`corners`] for what such cases hide.
 
 pub mod around;
 pub mod bars;
@@ -19,6 +19,7 @@ pub mod oracles;
 pub mod places;
 pub mod plant;
 pub mod random;
+pub mod report;
 pub mod returns;
 pub mod run;
 pub mod scenes;
@@ -28,4 +29,5 @@ pub mod stops;
 pub mod suite;
 pub mod switches;
 pub mod targets;
+pub mod traces;
 pub mod trials;

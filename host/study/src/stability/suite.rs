@@ -1,13 +1,14 @@
 //! All extremes of all models in one table.
 //!
-//! Entry points: [`measure`], [`Case`].
+//! Entry points: [`measure`], [`Table::of`].
 
 use super::extremes::trials;
-use super::judge::{Verdict, guarded};
+use super::judge::{self, Verdict, guarded};
 use super::{console, rows};
 use crate::fidelity::case::Scenes;
 use schemars::JsonSchema;
 use serde::Serialize;
+use std::ops::ControlFlow;
 use sutura_host::registry;
 use sutura_host::scene::SceneError;
 use sutura_shared::control::Rendering;
@@ -29,22 +30,61 @@ pub struct Case {
     pub note: String,
 }
 
-/// Runs everything whose tissue and extreme have all of `words`. `told` is called with every line as it is found.
+/// What was found, and what `stable` means in it.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+pub struct Table {
+    /// `ok`, or `failed` with a defect.
+    pub status: &'static str,
+    extent: &'static str,
+    limits: Limits,
+    /// The lines.
+    pub cases: Vec<Case>,
+}
+
+/// What `stable` means.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+struct Limits {
+    residual: f64,
+    difference: f64,
+    left_after_release: f64,
+    away: f64,
+}
+
+impl Table {
+    /// Of all lines.
+    pub fn of(full: bool, cases: Vec<Case>) -> Table {
+        let has_defect = cases.iter().any(|case| case.outcome == "defect");
+        Table {
+            status: if has_defect { "failed" } else { "ok" },
+            extent: if full { "full" } else { "short" },
+            limits: Limits {
+                residual: judge::MOST_RESIDUAL,
+                difference: judge::MOST_DIFFERENCE,
+                left_after_release: judge::MOST_LEFT,
+                away: judge::MOST_AWAY,
+            },
+            cases,
+        }
+    }
+}
+
+/// Runs everything whose tissue and extreme have all of `words`. `told` is called with every line as it is found, and says
+/// whether to go on.
 ///
 /// # Errors
 /// None unless a shipped scene is not sound.
 pub fn measure(
     full: bool,
     words: &[&str],
-    told: &mut dyn FnMut(&Case),
+    told: &mut dyn FnMut(&Case) -> ControlFlow<()>,
 ) -> Result<Vec<Case>, SceneError> {
-    let mut table = Vec::new();
+    let (mut table, mut stopped) = (Vec::new(), false);
     let mut add = |tissue: &str,
                    what: &'static str,
                    value: f64,
                    found: &dyn Fn() -> (Verdict, Option<f64>)| {
         let wanted = |word: &&str| tissue.contains(*word) || what.contains(*word);
-        if !words.iter().all(wanted) {
+        if stopped || !words.iter().all(wanted) {
             return;
         }
         let (verdict, largest_stable) = found();
@@ -56,7 +96,7 @@ pub fn measure(
             largest_stable,
             note: verdict.note().to_owned(),
         };
-        told(&case);
+        stopped = told(&case).is_break();
         table.push(case);
     };
     for entry in registry::entries() {

@@ -26,16 +26,22 @@ pub struct Best {
     /// Cells of the mesh.
     pub cells: usize,
     /// What a step takes \[us\].
+    #[schemars(with = "Option<f64>")]
     pub step_us: f64,
     /// What it was chosen by \[%\].
+    #[schemars(with = "Option<f64>")]
     pub error_pct: f64,
     /// RMS error of all nodes against the truth as the load has just come \[%\].
+    #[schemars(with = "Option<f64>")]
     pub arrival_rms_pct: f64,
     /// RMS error of all nodes against the truth \[%\].
+    #[schemars(with = "Option<f64>")]
     pub truth_disp_rms_pct: f64,
     /// Largest error on the line \[%\].
+    #[schemars(with = "Option<f64>")]
     pub truth_red_line_pct: f64,
     /// Error of the reaction \[%\].
+    #[schemars(with = "Option<f64>")]
     pub truth_force_pct: f64,
 }
 

@@ -10,6 +10,7 @@ use super::lattice::Lattice;
 use super::truth::{Answer, Course, displacements, solve, summed};
 use schemars::JsonSchema;
 use serde::Serialize;
+use std::ops::ControlFlow;
 use std::time::Instant;
 use sutura_host::registry::{self, Body, Entry, Setting};
 use sutura_models::hyperelastic::Cells;
@@ -20,8 +21,13 @@ use sutura_models::{Outcome, Tissue};
 pub struct Extent {
     /// All cases, settings and levels; otherwise some, at level 1.
     pub full: bool,
+    /// Whether steps are timed. Else each setting is run once and none is stopped for being slow, so that errors depend
+    /// on nothing but the program and the instructions of the machine; times are not numbers, and there is no front.
+    pub timed: bool,
 }
 
+/// What there is when somebody has stopped it.
+pub(super) const STOPPED: &str = "it was stopped";
 /// Runs of one setting beyond which there are no more.
 const REPEATS: usize = 5;
 /// A run that takes longer than this \[s\] is not repeated.
@@ -33,7 +39,7 @@ const SLOW_S: f64 = 1.0;
 /// How long models that need time are given to come to rest \[s\].
 const SETTLE_S: f64 = 20.0;
 
-/// One line of the table. Errors of what has failed are not numbers.
+/// One line of the table. Errors of what has failed are not numbers, and times that were not taken.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Row {
     /// Name of the case.
@@ -49,33 +55,46 @@ pub struct Row {
     /// Cells of the mesh.
     pub cells: usize,
     /// Median step of the ramp, median over the runs \[us\].
+    #[schemars(with = "Option<f64>")]
     pub step_us: f64,
     /// Slowest step of the median run \[us\].
+    #[schemars(with = "Option<f64>")]
     pub worst_us: f64,
     /// Largest less least median over the runs, % of their median.
+    #[schemars(with = "Option<f64>")]
     pub spread_pct: f64,
-    /// Runs.
+    /// Runs that were timed.
     pub runs: usize,
     /// RMS error of all nodes against Newton's balance of the same cells \[%\].
+    #[schemars(with = "Option<f64>")]
     pub disp_rms_pct: f64,
     /// Largest error of a node, over the largest displacement \[%\].
+    #[schemars(with = "Option<f64>")]
     pub disp_max_pct: f64,
     /// Largest error on the case's line \[%\].
+    #[schemars(with = "Option<f64>")]
     pub red_line_pct: f64,
     /// Error of the reaction \[%\].
+    #[schemars(with = "Option<f64>")]
     pub force_pct: f64,
     /// As above, against quadratic cells, at the end of the ramp: with what it lags behind.
+    #[schemars(with = "Option<f64>")]
     pub arrival_rms_pct: f64,
     /// As above, against quadratic cells, at the end.
+    #[schemars(with = "Option<f64>")]
     pub truth_disp_rms_pct: f64,
     /// See above.
+    #[schemars(with = "Option<f64>")]
     pub truth_disp_max_pct: f64,
     /// See above.
+    #[schemars(with = "Option<f64>")]
     pub truth_red_line_pct: f64,
     /// See above.
+    #[schemars(with = "Option<f64>")]
     pub truth_force_pct: f64,
     /// The largest of what matters to a hand, all against quadratic cells: `arrival_rms_pct`,
     /// `truth_disp_rms_pct`, `truth_force_pct` \[%\].
+    #[schemars(with = "Option<f64>")]
     pub error_pct: f64,
     /// Nothing on this case is both faster and nearer to the truth by `error_pct`.
     pub pareto: bool,
@@ -157,14 +176,14 @@ fn is_measured(setting: &Setting, extent: Extent, level: usize, finest: usize) -
     (every || setting.short) && !(setting.of_truth && level == finest)
 }
 
-/// Measures a plan. `told` is called with every line as it is found.
+/// Measures a plan. `told` is called with every line as it is found, and says whether to go on.
 ///
 /// # Errors
-/// A case without an answer, which is a defect.
+/// A case without an answer, which is a defect; or that `told` has stopped it.
 pub fn measure(
     plan: &[(Case, Vec<Entry>)],
     extent: Extent,
-    told: &mut dyn FnMut(&Row),
+    told: &mut dyn FnMut(&Row) -> ControlFlow<()>,
 ) -> Result<Report, String> {
     let (mut rows, mut truths) = (Vec::new(), Vec::new());
     for (case, entries) in plan {
@@ -197,20 +216,27 @@ pub fn measure(
                 lattice,
                 newton: &newton[0],
                 truth,
+                timed: extent.timed,
             };
             for entry in entries {
                 let settings = entry.settings.iter();
                 for setting in settings.filter(|own| is_measured(own, extent, *level, finest)) {
                     let row = about.run(entry, setting);
-                    told(&row);
+                    if told(&row).is_break() {
+                        return Err(STOPPED.to_owned());
+                    }
                     rows.push(row);
                 }
             }
         }
     }
-    front::mark(&mut rows);
+    let mut best = Vec::new();
+    if extent.timed {
+        front::mark(&mut rows);
+        best = front::best(&rows);
+    }
     Ok(Report {
-        best: front::best(&rows),
+        best,
         cases: rows,
         truths,
     })
@@ -238,6 +264,7 @@ struct About<'a> {
     lattice: &'a Lattice,
     newton: &'a Answer,
     truth: &'a Answer,
+    timed: bool,
 }
 
 /// One run.
@@ -279,7 +306,8 @@ impl About<'_> {
             note: String::new(),
         };
         let mut runs: Vec<Run> = Vec::new();
-        while runs.len() < REPEATS && runs.last().is_none_or(|run| run.seconds < LONG_S) {
+        let repeats = if self.timed { REPEATS } else { 1 };
+        while runs.len() < repeats && runs.last().is_none_or(|run| run.seconds < LONG_S) {
             match self.once(entry, setting) {
                 Ok(run) => runs.push(run),
                 Err(refused) => {
@@ -292,15 +320,17 @@ impl About<'_> {
                 break;
             }
         }
-        row.runs = runs.len();
         runs.sort_by(|a, b| a.median_us.total_cmp(&b.median_us));
         let (Some(first), Some(last)) = (runs.first(), runs.last()) else {
             return row;
         };
         let middle = &runs[runs.len() / 2];
-        row.step_us = middle.median_us;
-        row.worst_us = middle.worst_us;
-        row.spread_pct = 100.0 * (last.median_us - first.median_us) / middle.median_us;
+        if self.timed {
+            row.runs = runs.len();
+            row.step_us = middle.median_us;
+            row.worst_us = middle.worst_us;
+            row.spread_pct = 100.0 * (last.median_us - first.median_us) / middle.median_us;
+        }
         row.outcome = match middle.outcome {
             Some(Outcome::Converged) => "converged",
             Some(Outcome::Unfinished) => "unfinished",
@@ -373,7 +403,10 @@ impl About<'_> {
             if matches!(done.outcome, Outcome::Failed(_)) {
                 break;
             }
-            if step <= case.ramp && begin.elapsed().as_secs_f64() > SLOW_S * (step + 1) as f64 {
+            if self.timed
+                && step <= case.ramp
+                && begin.elapsed().as_secs_f64() > SLOW_S * (step + 1) as f64
+            {
                 outcome = None;
                 break;
             }

@@ -4,10 +4,11 @@
 //! Entry points: [`plan`], [`measure`]. There is no other program's answer to this: the truth is the neo-Hookean tissue's on the
 //! finest mesh on which it comes to its end.
 
-use super::measure::Extent;
+use super::measure::{Extent, STOPPED};
 use nalgebra::Vector3;
 use schemars::JsonSchema;
 use serde::Serialize;
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Instant;
 use sutura_host::collide::gaps_m;
@@ -142,22 +143,30 @@ pub struct Row {
     /// Cells of the mesh.
     pub cells: usize,
     /// Mean gap of the rims at the end over that of the unloaded mesh.
+    #[schemars(with = "Option<f64>")]
     pub gap_ratio: f64,
     /// Tension of the thread at the end \[N\].
+    #[schemars(with = "Option<f64>")]
     pub tension_n: f64,
     /// Thread drawn out at both ends \[m\].
+    #[schemars(with = "Option<f64>")]
     pub pulled_m: f64,
     /// Pairs of features that press at the end.
     pub touching: u32,
     /// Median and 99th hundredth of the steps in which the ends are pulled, columns at hand \[us\].
+    #[schemars(with = "Option<f64>")]
     pub step_us: f64,
     /// See above.
+    #[schemars(with = "Option<f64>")]
     pub p99_us: f64,
     /// How far the gap is off the truth's \[%\].
+    #[schemars(with = "Option<f64>")]
     pub gap_off_pct: f64,
     /// How far the tension is \[%\].
+    #[schemars(with = "Option<f64>")]
     pub tension_off_pct: f64,
     /// The larger of both \[%\].
+    #[schemars(with = "Option<f64>")]
     pub error_pct: f64,
     /// `converged`, or `failed`.
     pub outcome: &'static str,
@@ -183,18 +192,30 @@ pub fn lines(plan: &[&'static str], extent: Extent) -> usize {
     plan.len() * levels(extent)
 }
 
-/// Measures a plan. `told` is called with every line as it is found, which is before errors are.
-pub fn measure(plan: &[&'static str], extent: Extent, told: &mut dyn FnMut(&Row)) -> Vec<Row> {
+/// Measures a plan. `told` is called with every line as it is found, which is before errors are, and says whether to go on.
+///
+/// # Errors
+/// That `told` has stopped it.
+pub fn measure(
+    plan: &[&'static str],
+    extent: Extent,
+    told: &mut dyn FnMut(&Row) -> ControlFlow<()>,
+) -> Result<Vec<Row>, String> {
     let mut rows = Vec::with_capacity(lines(plan, extent));
     for tissue in plan {
         for level in 1..=levels(extent) {
-            let row = row(tissue, level);
-            told(&row);
+            let mut row = row(tissue, level);
+            if !extent.timed {
+                (row.step_us, row.p99_us) = (f64::NAN, f64::NAN);
+            }
+            if told(&row).is_break() {
+                return Err(STOPPED.to_owned());
+            }
             rows.push(row);
         }
     }
     compare(&mut rows);
-    rows
+    Ok(rows)
 }
 
 /// Finds how far lines are off the neo-Hookean one on the finest mesh that has one; its own error is not known.

@@ -2,14 +2,14 @@
 //!
 //! Entry point: [`of`].
 
+use super::case::{Case, Place, Scenes, Spec};
+use super::hand::Motion;
 use schemars::JsonSchema;
 use serde::Serialize;
 use sutura_shared::control::Rendering;
-use sutura_study::fidelity::case::{Case, Place, Scenes, Spec};
-use sutura_study::fidelity::hand::Motion;
 
 /// Force along the skin's normal.
-#[derive(Serialize, JsonSchema)]
+#[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct Trace {
     hand: &'static str,
     /// `true` for the tissue's own.

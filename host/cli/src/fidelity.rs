@@ -2,27 +2,23 @@
 //!
 //! Entry point: [`run`]. The cases and the bars are the library's; here they are chosen, printed and plotted.
 
-mod traces;
-
 use crate::display::progress;
 use crate::failure::{Cause, Failure};
 use crate::tables::{Kept, csv, unwritable, write_pictures};
 use crate::{Format, Global};
 use clap::Args;
-use schemars::JsonSchema;
-use serde::Serialize;
 use std::path::{Path, PathBuf};
 use sutura_shared::device::DeviceError;
-use sutura_study::fidelity::bars::{Bar, bars};
 use sutura_study::fidelity::case::{Case, Scenes};
 use sutura_study::fidelity::corners;
 use sutura_study::fidelity::mutants::{self, Mutant};
-use sutura_study::fidelity::oracles::{Oracle, oracles};
+use sutura_study::fidelity::oracles::oracles;
+use sutura_study::fidelity::report::{Report, chosen};
 use sutura_study::fidelity::suite::{self, Extent};
 use sutura_study::fidelity::switches::Switch;
-use sutura_study::fidelity::targets::{self, BadLinks, Tighten};
-use sutura_study::fidelity::trials::{Spread, Three, spreads};
-use traces::Trace;
+use sutura_study::fidelity::targets::{self, Tighten};
+use sutura_study::fidelity::traces;
+use sutura_study::fidelity::trials::{Spread, Three};
 
 /// Measures the console's force against a solve every millisecond: errors, stable stiffness, energy.
 #[derive(Args, Debug)]
@@ -61,23 +57,6 @@ Examples:
 
 Everything is simulated, by seeds: the figures do not depend on the machine. Build with --release.";
 
-#[derive(Serialize, JsonSchema)]
-pub struct Report {
-    status: &'static str,
-    extent: &'static str,
-    cases: Vec<Case>,
-    spreads: Vec<Spread>,
-    bars: Vec<Bar>,
-    bad_links: Vec<BadLinks>,
-    oracles: Vec<Oracle>,
-    guards: Vec<Mutant>,
-    /// What the pictures need beside the cases, with `--plot`.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    traces: Vec<Trace>,
-    /// Open bars that are better in this run than they are listed.
-    tighten: Vec<Tighten>,
-}
-
 /// Runs the cases and prints the report.
 ///
 /// # Errors
@@ -104,12 +83,7 @@ pub fn run(args: &FidelityArgs, global: &Global) -> Result<(), Failure> {
         suite::specs(extent)
     };
     if let Some(only) = &args.only {
-        let words: Vec<_> = only.split_whitespace().collect();
-        specs.retain(|spec| {
-            let name = spec.case().case;
-            let own: Vec<_> = name.split(' ').collect();
-            words.iter().all(|word| own.contains(word))
-        });
+        specs = chosen(specs, only);
         if specs.is_empty() {
             return Err(Failure::say(
                 Cause::BadInput,
@@ -130,7 +104,6 @@ pub fn run(args: &FidelityArgs, global: &Global) -> Result<(), Failure> {
         kept.line(case);
     };
     let cases = suite::measure(&specs, &scenes, threads, &measured).map_err(unsound)?;
-    let bars = bars(&cases);
     let whole = args.only.is_none();
     let oracles = if whole && !args.guards {
         oracles().map_err(unsound)?
@@ -145,26 +118,13 @@ pub fn run(args: &FidelityArgs, global: &Global) -> Result<(), Failure> {
         Vec::new()
     };
     bar.finish_and_clear();
-    // Something that no bar shows the use of is a bar that is missing.
-    let missed = bars.iter().any(|bar| !bar.ok && !bar.open)
-        || oracles.iter().any(|oracle| !oracle.ok)
-        || guards.iter().any(|guard| guard.fails.is_empty());
-    let report = Report {
-        status: if missed { "bars-missed" } else { "ok" },
-        extent: if args.full { "full" } else { "short" },
-        spreads: spreads(&cases),
-        traces: if args.plot.is_some() {
-            traces::of(&cases, &scenes)
-        } else {
-            Vec::new()
-        },
-        bad_links: targets::bad_links(&cases),
-        cases,
-        tighten: targets::tighten(&bars),
-        bars,
-        oracles,
-        guards,
+    let traces = if args.plot.is_some() {
+        traces::of(&cases, &scenes)
+    } else {
+        Vec::new()
     };
+    let report = Report::of(extent, cases, oracles, guards, traces);
+    let missed = report.misses();
     if let Some(directory) = &args.plot {
         write_files(&report, directory)?;
     }

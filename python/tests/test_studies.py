@@ -1,0 +1,123 @@
+"""Tables of the studies, and sweeps: the command's keys, errors that are the same wherever they are found."""
+
+import json
+import pickle
+import subprocess
+import sys
+
+import pytest
+from conftest import ROOT
+
+import sutura
+
+#: Keys that are of the machine.
+TIMES = {"step_us", "worst_us", "spread_pct", "runs", "pareto", "p99_us"}
+
+
+def test_the_tradeoff_is_measured_and_says_where():
+    table = sutura.tradeoff("beam-tension linear")
+    assert table["status"] == "ok" and table["extent"] == "short"
+    lines = table["cases"]
+    assert {line["case"] for line in lines} == {"beam-tension"} and all(line["step_us"] > 0.0 for line in lines)
+    assert any(line["pareto"] for line in lines)
+    made = table["made"][0]
+    assert (made["share"], made["timed"], made["cases"]) == ("1/1", True, ["beam-tension"])
+    assert made["machine"]["threads"] >= 1 and made["machine"]["simd"] and made["program"].startswith(sutura.__version__)
+    # The same course without a clock: the same errors to the bit, and nothing that is of the machine.
+    errors = sutura.tradeoff("beam-tension linear", timed=False)
+    for timed, untimed in zip(lines, errors["cases"], strict=True):
+        assert untimed["step_us"] is None and untimed["runs"] == 0 and not untimed["pareto"]
+        assert {k: v for k, v in timed.items() if k not in TIMES} == {k: v for k, v in untimed.items() if k not in TIMES}
+    assert errors["best"] == []
+
+
+def test_shares_are_merged_or_refused_by_name(tmp_path):
+    first, second = (sutura.tradeoff("beam linear", timed=False, cases=share) for share in ("1/2", "2/2"))
+    path = tmp_path / "second.json"
+    path.write_text(json.dumps(second))
+    table = sutura.merge([path, first])
+    whole = sutura.tradeoff("beam linear", timed=False)
+    for key in ("cases", "truths", "best", "sutures"):
+        assert table[key] == whole[key], key
+    assert [made["share"] for made in table["made"]] == ["1/2", "2/2"]
+    with pytest.raises(ValueError, match="of the 2 shares 2/2 are missing: measure them with"):
+        sutura.merge([first])
+    second["made"][0]["program"] = "another"
+    with pytest.raises(ValueError, match=r"shares\[0\] and shares\[1\] are not of one table: the program is .* and another"):
+        sutura.merge([first, second])
+    with pytest.raises(ValueError, match=r"shares\[0\] is no table of `sutura tradeoff`: it has no `cases`"):
+        sutura.merge([{}])
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: sutura.tradeoff("nothing"), "no case and tissue have all the words `nothing`: words are parts"),
+        (lambda: sutura.tradeoff(cases="3/2"), "cases: `3/2` is no share: give I/N with I from 1 to N"),
+        (lambda: sutura.tradeoff("beam", cases="9/9"), "the share 9/9 has no case: there are 2: give at most 2 shares"),
+        (lambda: sutura.stability("nothing"), "no case has all the words `nothing`: words are parts of a tissue"),
+        (lambda: sutura.fidelity("nothing"), "no case has all the words `nothing`: words are whole"),
+        (lambda: sutura.fidelity("palpation", threads=0), "threads is 0: give 1 or more"),
+        (lambda: next(sutura.sweep([], "slurm")), "engine is 'slurm': give one of 'local', 'dask', 'ray'"),
+        (lambda: sutura.run_task({"measure": "time"}), r"task\['measure'\] is 'time': give one of 'tradeoff', 'force'"),
+        (lambda: sutura.run_task({"measure": "tradeoff"}), "has no 'case': it needs case"),
+        (
+            lambda: sutura.run_task({"measure": "tradeoff", "case": "beam", "timed": True}),
+            "has the key 'timed': it knows case, full",
+        ),
+    ],
+)
+def test_what_cannot_be_measured_is_named(call, said):
+    with pytest.raises(ValueError, match=said):
+        call()
+
+
+def test_extremes_of_rows_and_one_case_of_the_force():
+    table = sutura.stability("rows unit")
+    assert table["status"] == "ok" and {line["outcome"] for line in table["cases"]} <= {"stable", "degraded", "refused"}
+    report = sutura.fidelity("palpation presses rows 30-hz", threads=1)
+    case = report["cases"][0]
+    assert case["rendering"] == "rows" and case["rms_pct"] > 0.0, case
+
+
+def force_task(slab):
+    return {
+        "measure": "force",
+        "scene": slab,
+        "vary": {"tissue.model": "corotational"},
+        "positions_m": [[0.0, 0.0, 0.013], [0.0, 0.0, 0.011]],
+    }
+
+
+def test_a_task_compares_a_scene_with_itself_and_with_another(slab):
+    task = force_task(slab)
+    none = sutura.run_task(task | {"reference": task["vary"]})
+    assert none["largest_n"] == 0.0 and none["compared"] == 2 and none["reference_n"] > 0.05
+    stiffer = sutura.run_task(task | {"reference": task["vary"] | {"tissue.youngs_modulus_pa": 30e3}})
+    assert stiffer["rms_n"] > 0.1 * stiffer["reference_n"] and stiffer["without_balance"] == 0
+    with pytest.raises(ValueError, match="'tool.radius_m': only keys of sections can be varied"):
+        sutura.run_task(task | {"vary": {"tool.radius_m": 0.01}})
+    with pytest.raises(ValueError, match=r"task\['positions_m'\] has the shape \(3,\): give \(k, 3\)"):
+        sutura.run_task(task | {"positions_m": [0.0, 0.0, 0.01]})
+
+
+def test_a_local_sweep_runs_every_task_that_can_be_shipped(slab):
+    tasks = [*sutura.tradeoff_tasks("beam-tension linear"), force_task(slab)]
+    assert [task["measure"] for task in tasks] == ["tradeoff", "force"]
+    found = dict(sutura.sweep(pickle.loads(pickle.dumps(tasks))))
+    assert found == {0: sutura.run_task(tasks[0]), 1: sutura.run_task(tasks[1])}
+    assert not TIMES & set(found[0]["cases"][0]) and found[0]["cases"][0]["error_pct"] > 0.0
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("engine", ["dask", "ray"])
+def test_two_workers_one_of_them_killed_find_the_errors_of_one_process(engine):
+    example = ROOT / "python/examples/sweep_tradeoff.py"
+    for extra in ([], ["--kill"]):
+        ran = subprocess.run(
+            [sys.executable, "-W", "ignore", str(example), engine, *extra], capture_output=True, text=True, timeout=1200
+        )
+        assert ran.returncode == 0, ran.stdout + ran.stderr
+        print(ran.stdout)
+        assert "the errors are those of one process" in ran.stdout and "bytes to ship" in ran.stdout
+        assert ("a worker was killed" in ran.stdout) == bool(extra), ran.stdout
