@@ -12,6 +12,7 @@ use sutura_client as client;
 use sutura_client::message::Simulate;
 use sutura_hil::VirtualConsole;
 use sutura_host::session::{Plan, mode_word};
+use sutura_host::step::Status;
 use sutura_shared::wire::validate::name;
 
 /// Between two looks for Ctrl-C while a pose is waited for.
@@ -247,10 +248,11 @@ impl Console {
         self.with(py, |console| console.send_contact(&pose, &contact))
     }
 
-    /// Sends what a scene's driven tool feels in a step that was taken at `pose`; whether it found a balance, else nothing is
-    /// sent.
+    /// Sends what a scene's driven tool feels in a step that was taken at `pose`; whether that ended "ok", else nothing is sent.
     fn send_step(&self, py: Python<'_>, pose: &Pose, step: &Step) -> PyResult<bool> {
-        let Some(felt) = step.0.contacts().first() else {
+        // One that is behind has the balance of another pose.
+        let felt = step.0.contacts().first();
+        let Some(felt) = felt.filter(|_| step.0.status == Status::Ok) else {
             return Ok(false);
         };
         let [fx, fy, fz, mx, my, mz] = felt.wrench.map(|number| number as f32);
