@@ -928,28 +928,18 @@ fn degrees_of_turn() -> Vec<f64> {
     }
 }
 
-/// Twenty punctures of a thread that rubs are drawn together span by span: every bite closes, though a pull at the ends would close the last
-/// ones alone, the length is kept, and in every tick in which the console pulls it feels the tension at its grip.
-#[test]
-fn a_suture_that_rubs_is_closed_span_by_span() {
+/// Errors of what the console feels while it draws, of the tension at its grip, [`TickByTick`]: of each tick, and the peak of what is felt \[N\].
+fn felt_by_hand(scene: &Scene, draws_s: &[[f64; 2]]) -> (Vec<f64>, f64) {
     const PULLS_N: f64 = 0.3;
-    let scene = by_hand(0.0);
-    let plan = plan(&scene);
+    let plan = plan(scene);
     let mut tapped = Tapped::new(&plan);
-    let [solver, other] = [(); 2].map(|()| SceneSolver::for_session(&scene, &plan).unwrap());
+    let [solver, other] = [(); 2].map(|()| SceneSolver::for_session(scene, &plan).unwrap());
     let us = |s: f64| (1e6 * s) as u64;
-    // The console draws twice.
-    let draws_s = match std::env::var_os("SUTURA_FULL") {
-        Some(_) => &[[23.0, 27.96], [33.65, 38.61]][..],
-        None => &[[23.0, 27.96]],
-    };
+    let over_us = draws_s.iter().map(|[from, to]| us(*from)..us(*to));
     let mut solver = TickByTick {
         solver,
         other,
-        over_us: draws_s
-            .iter()
-            .map(|[from, to]| us(*from)..us(*to))
-            .collect(),
+        over_us: over_us.collect(),
         ticks: tapped.states.clone(),
         before: None,
         felt: Vec::new(),
@@ -967,12 +957,45 @@ fn a_suture_that_rubs_is_closed_span_by_span() {
         .clone()
         .fold(0.0_f64, |most, [felt_n, _]| most.max(*felt_n));
     let errors = pulls.map(|[felt_n, tension_n]| (felt_n / tension_n - 1.0).abs());
-    let mut errors: Vec<f64> = errors.collect();
+    (errors.collect(), peak_n)
+}
+
+/// The median of errors, p99 and the worst.
+fn spread(mut errors: Vec<f64>) -> [f64; 3] {
     errors.sort_by(f64::total_cmp);
-    let (ticks, worst) = (errors.len(), errors.last().copied().unwrap_or(1.0));
-    let [p50, p99] = [0.5, 0.99].map(|share| errors[(share * ticks as f64) as usize]);
-    println!("{ticks} ticks, up to {peak_n} N, off by {p50:.4}, {p99:.4}, {worst:.4}");
-    assert!(ticks > 1000 && peak_n > 1.0, "{ticks} {peak_n} N");
-    // Where a stretch begins to slide, or tubes to press, the slope changes within a frame.
-    assert!(p99 < 0.01 && worst < 0.03, "{p99} {worst}");
+    let of = |share: f64| errors[((share * errors.len() as f64) as usize).min(errors.len() - 1)];
+    [0.5, 0.99, 1.0].map(of)
+}
+
+/// Twenty punctures of a thread that rubs are drawn together span by span: every bite closes, though a pull at the ends would close the last
+/// ones alone, the length is kept, and while the console pulls it feels the tension at its grip.
+#[test]
+fn a_suture_that_rubs_is_closed_span_by_span() {
+    // The console draws twice. Where a stretch begins to slide, or tubes to press, the slope changes within a frame. In one of these twelve
+    // draws a rim slips over a corner of the other one: then tensions fall by a tenth within 30 ms.
+    let (degrees, draws_s, most) = match std::env::var_os("SUTURA_FULL") {
+        Some(_) => (
+            vec![0.0, 3.0, 6.0, 17.0, 90.0, 200.0],
+            &[[23.0, 27.96], [33.65, 38.61]][..],
+            0.11,
+        ),
+        None => (vec![0.0], &[[23.0, 27.96]][..], 0.03),
+    };
+    let mut all = Vec::new();
+    for degrees in degrees {
+        let (errors, peak_n) = felt_by_hand(&by_hand(degrees), draws_s);
+        let ticks = errors.len();
+        assert!(ticks > 1000 && peak_n > 1.0, "{ticks} {peak_n} N");
+        all.extend_from_slice(&errors);
+        let [p50, p99, worst] = spread(errors);
+        println!(
+            "{degrees} degrees: {ticks} ticks, up to {peak_n} N, off by {p50:.4}, {p99:.4}, {worst:.4}"
+        );
+    }
+    let [p50, p99, worst] = spread(all);
+    println!("all: {p50:.4}, {p99:.4}, {worst:.4}");
+    assert!(
+        p50 < 0.0025 && p99 < 0.01 && worst < most,
+        "{p50} {p99} {worst}"
+    );
 }

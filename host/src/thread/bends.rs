@@ -25,6 +25,8 @@ const LONGEST_WAY: f64 = std::f64::consts::FRAC_PI_2;
 /// Scratch.
 pub(crate) struct BendWork {
     former: Vec<(u32, AnchorPoint)>,
+    /// Edges of those of a span.
+    edges: Vec<[u32; 2]>,
     new: Vec<AnchorPoint>,
 }
 
@@ -33,6 +35,7 @@ impl BendWork {
     pub fn new(most: usize) -> Self {
         Self {
             former: Vec::with_capacity(most),
+            edges: Vec::with_capacity(most),
             new: Vec::with_capacity(most),
         }
     }
@@ -97,13 +100,13 @@ impl ThreadState {
     }
 
     /// Where spans bend over tissue whose nodes are at `at` \[m\]; `over` finds bends of a chord, with the way out of
-    /// the tissue. Whether that is elsewhere than before.
+    /// the tissue, and the edges that its span bent over before. Whether that is elsewhere than before.
     pub fn bend(
         &mut self,
         mesh: &HalfFaces,
         at: &[Vector3<f64>],
         work: &mut BendWork,
-        mut over: impl FnMut(&Vector3<f64>, &Vector3<f64>, &Vector3<f64>, &mut Vec<AnchorPoint>),
+        mut over: impl FnMut([&Vector3<f64>; 3], &[[u32; 2]], &mut Vec<AnchorPoint>),
     ) -> bool {
         if !self.may_bend() {
             let did_bend = !self.bends.is_empty();
@@ -136,6 +139,10 @@ impl ThreadState {
                 continue;
             };
             let key = span.key;
+            let former = work.former.iter().filter(|(of, _)| *of == key);
+            work.edges.clear();
+            let edges = former.map(|(_, bend)| [bend.nodes[0], bend.nodes[1]]);
+            work.edges.extend(edges);
             work.new.clear();
             // What lies on a body bends over tissue before it and behind it.
             let mut start = from;
@@ -143,7 +150,7 @@ impl ThreadState {
                 match (segment.leg, segment.ends) {
                     (Some(leg), [End::Held(on), _]) if leg.leaves => start = on,
                     (Some(leg), [_, End::Held(on)]) => {
-                        over(&start, &on, &up, &mut work.new);
+                        over([&start, &on, &up], &work.edges, &mut work.new);
                         let mut laps = self.laps.iter_mut().filter(|lap| lap.is_on);
                         if let Some(lap) =
                             laps.find(|lap| lap.key == span.key && lap.with == leg.with)
@@ -154,7 +161,7 @@ impl ThreadState {
                     _ => {}
                 }
             }
-            over(&start, &to, &up, &mut work.new);
+            over([&start, &to, &up], &work.edges, &mut work.new);
             for bend in &work.new {
                 if self.bends.len() + outside >= MOST_BENDS {
                     break;

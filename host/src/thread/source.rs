@@ -19,7 +19,7 @@ const SWINGS: u32 = 32;
 /// Part of each change that is then made.
 const DAMPED: f64 = 0.5;
 /// A thread that would bend by less over tissue cuts into it \[rad\].
-const LEAST_TURN: f64 = 0.05;
+const LEAST_TURN: f64 = 0.02;
 /// The same where its spans have bodies: between two edges it cuts in by a quarter of their distance times this.
 const LEAST_TURN_OF_BODY: f64 = 0.002;
 /// Rounds of a balance in which spans are lifted out of the tissue.
@@ -351,9 +351,9 @@ impl Balance<'_> {
                 true => LEAST_TURN_OF_BODY,
                 false => LEAST_TURN,
             };
-            changed |= thread.bend(mesh, at, bends, |from, to, up, out| {
+            changed |= thread.bend(mesh, at, bends, |[from, to, up], former, out| {
                 found.clear();
-                wraps(skin, at, from, to, up, least_turn, found);
+                wraps(skin, at, from, to, up, (least_turn, former), found);
                 out.extend(found.iter().map(|wrap| AnchorPoint {
                     nodes: [wrap.nodes[0], wrap.nodes[1], wrap.nodes[0], wrap.nodes[0]],
                     weights: [wrap.weights[0], wrap.weights[1], 0.0, 0.0],

@@ -26,21 +26,24 @@ const LIFT: f64 = 1e-7;
 const MOST_POINTS: usize = 64;
 /// Faces in a row that the section is followed through, so that it ends on any mesh.
 const MOST_FACES: usize = 1024;
+/// Part of the least turn down to which a string stays bent over an edge that it bent over before: it presses that down, so that it would
+/// turn less, come off, and bend again, with hands that stay where they are.
+const KEPT: f64 = 0.2;
 /// Of its length, what is left of the way out of the tissue across the chord, or there is no plane.
 const LEAST_ACROSS: f64 = 1e-9;
 
 /// Appends where a taut string from `from` to `to` \[m\], both on the surface or above it, bends over the
 /// tissue whose nodes are at `at` \[m\], in the plane that contains the chord and `up`, the mean of outward
 /// normals: from first to last, as many as `out` has room for. Bends of less than `least_turn` \[rad\] are left out,
-/// the least first. Nothing if the chord is free, if there is no plane, or if something is no
-/// number. Allocates nothing.
+/// the least first; over the edges `former`, lower node first, (k x 2), those of less than a fifth of that. Nothing if the chord is
+/// free, if there is no plane, or if something is no number. Allocates nothing.
 pub(crate) fn wraps(
     skin: &Skin,
     at: &[Vector3<f64>],
     from: &Vector3<f64>,
     to: &Vector3<f64>,
     up: &Vector3<f64>,
-    least_turn: f64,
+    (least_turn, former): (f64, &[[u32; 2]]),
     out: &mut Vec<Wrap>,
 ) {
     let Some(plane) = Plane::new(from, to, up) else {
@@ -51,7 +54,7 @@ pub(crate) fn wraps(
     skin.along(&(from + lift), &(to + lift), |face| {
         plane.follow(skin, at, face, &mut hull);
     });
-    hull.reduce(least_turn, out.capacity() - out.len());
+    hull.reduce(least_turn, former, out.capacity() - out.len());
     out.extend(hull.points[..hull.count].iter().map(|point| point.wrap));
 }
 
@@ -253,7 +256,7 @@ impl Hull {
     /// Of a point strictly between the ends.
     fn take(&mut self, point: Point) {
         if self.count == MOST_POINTS
-            && let Some((place, _)) = self.flattest()
+            && let Some((place, _)) = self.flattest(|_| 1.0)
         {
             self.remove(place);
         }
@@ -280,19 +283,28 @@ impl Hull {
         }
     }
 
-    /// The point of the least turn, and tan of half of that.
-    fn flattest(&self) -> Option<(usize, f64)> {
+    /// The point of the least turn, each over what `part` says of it, and tan of half of that.
+    fn flattest(&self, part: impl Fn(&Point) -> f64) -> Option<(usize, f64)> {
         let turns = (0..self.count).map(|place| {
             let (before, after) = (self.before(place), self.from(place + 1));
-            (place, self.points[place].turn(&before, &after))
+            let point = &self.points[place];
+            (place, point.turn(&before, &after) / part(point))
         });
         turns.min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// Leaves no bend of less than `least_turn` \[rad\], and no more than `room` of them.
-    fn reduce(&mut self, least_turn: f64, room: usize) {
+    /// Leaves no bend of less than `least_turn` \[rad\], over `former` edges of less than [`KEPT`] of that, and no more than `room`
+    /// of them.
+    fn reduce(&mut self, least_turn: f64, former: &[[u32; 2]], room: usize) {
         let least = (0.5 * least_turn).tan();
-        while let Some((place, turn)) = self.flattest() {
+        let part = |point: &Point| {
+            if former.contains(&point.wrap.nodes) {
+                KEPT
+            } else {
+                1.0
+            }
+        };
+        while let Some((place, turn)) = self.flattest(part) {
             if self.count <= room && turn >= least {
                 break;
             }

@@ -44,7 +44,8 @@ impl Tissue {
     ) -> Vec<Vector3<f64>> {
         let mut out = Vec::with_capacity(most);
         let room = out.capacity();
-        wraps(&self.skin, &self.at, &from, &to, &up, least_turn, &mut out);
+        let turn = (least_turn, &[][..]);
+        wraps(&self.skin, &self.at, &from, &to, &up, turn, &mut out);
         assert!(out.len() <= room && out.capacity() == room);
         let bends = out.iter().map(|Wrap { nodes, weights }| {
             assert!(nodes[0] < nodes[1]);
@@ -102,6 +103,43 @@ fn hull_length(mut points: Vec<[f64; 2]>) -> f64 {
 
 fn vector(x: f64, y: f64, z: f64) -> Vector3<f64> {
     Vector3::new(x, y, z)
+}
+
+/// An edge that turns a string by less than the least is bent over if it was before, down to a fifth of that.
+#[test]
+fn a_string_stays_bent_over_an_edge_that_it_presses_down() {
+    const TURN: f64 = 0.05;
+    // The top of a block, its middle edge across the string raised to a ridge.
+    let mesh = slab([0.02, 0.01, 0.004], [2, 1, 1]).expect("a slab");
+    let bends = |share: f64, former: &[[u32; 2]]| {
+        let height = 0.01 * (0.5 * share * TURN).tan();
+        let ridge = |_, p: Vector3<f64>| {
+            if p.z > -1e-9 && p.x.abs() < 1e-9 {
+                p + Vector3::z() * height
+            } else {
+                p
+            }
+        };
+        let tissue = Tissue::new(std::slice::from_ref(&mesh), ridge);
+        let (from, to) = (vector(-0.01, 1e-4, 0.0), vector(0.01, 1e-4, 0.0));
+        let mut out = Vec::with_capacity(4);
+        let turn = (TURN, former);
+        wraps(
+            &tissue.skin,
+            &tissue.at,
+            &from,
+            &to,
+            &Vector3::z(),
+            turn,
+            &mut out,
+        );
+        out.iter().map(|wrap| wrap.nodes).collect::<Vec<_>>()
+    };
+    let edge = bends(1.1, &[]);
+    assert_eq!(edge.len(), 1);
+    assert!(bends(0.9, &[]).is_empty());
+    let kept = [1.1, 0.9, 0.25, 0.15].map(|share| bends(share, &edge).len());
+    assert_eq!(kept, [1, 1, 1, 0]);
 }
 
 /// Two tangents and an arc; what the polygon lacks falls with the square of its sides.
@@ -247,7 +285,7 @@ fn over_a_gap_a_string_bends_over_both_rims() {
             &from,
             &to,
             &Vector3::z(),
-            LEAST_TURN,
+            (LEAST_TURN, &[]),
             &mut out,
         );
         assert!(out.is_empty());
@@ -367,7 +405,7 @@ fn a_moved_surface_is_followed_without_allocation() {
             &start,
             &end,
             &(turn * Vector3::z()),
-            LEAST_TURN,
+            (LEAST_TURN, &[]),
             &mut out,
         );
     });

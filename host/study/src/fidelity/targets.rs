@@ -22,8 +22,6 @@ const OPEN: &[(&str, f64)] = &[
     ("rubbing strokes rows 60 Hz slip p95 ms", 8.0),
     ("rubbing strokes rows 30 Hz rms %", 7.33),
     ("rubbing strokes rows 30 Hz slip p95 ms", 41.0),
-    // A thread of one length locks where its slack ends, within a frame.
-    ("thread pulls rows 60 Hz step %", 2.39),
     // A cone's rows do not turn with the body.
     ("round body of 8 mm, tool that rubs, rms %", 5.81),
     // The same hand without a frame for 33 to 110 ms, in which it turns.
