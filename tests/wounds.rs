@@ -201,6 +201,35 @@ fn a_shaft_lifts_a_thread() {
     assert!(peaks[1] < 0.1 * peaks[0], "{peaks:?}");
 }
 
+/// A shaft laid on another one feels the spring that the hand and the pair are in a row, and friction across it; without the section it
+/// goes through.
+#[test]
+fn a_shaft_is_drawn_along_another_one() {
+    let path = root().join("scenes/shaft-on-shaft.toml");
+    let text = std::fs::read_to_string(path).unwrap();
+    let (before, after) = text.split_once("[[body_contact]]").unwrap();
+    let (_, after) = after.split_once("friction = 0.2\n").unwrap();
+    let smooth = text.replace("friction = 0.2", "friction = 0.0");
+    let directory = tempfile::tempdir().unwrap();
+    let scene = directory.path().join("shafts.toml");
+    let peaks = [text.clone(), smooth, [before, after].concat()].map(|text| {
+        std::fs::write(&scene, text).unwrap();
+        let scene = scene.to_str().unwrap();
+        let ran = sutura(&["run", scene, "--lockstep", "--format", "json"]);
+        assert_eq!(ran.code, 0, "{}", ran.stderr);
+        let summary: Value = serde_json::from_str(&ran.stdout).unwrap();
+        assert_eq!(summary["steps_withheld"], serde_json::json!({}));
+        assert_eq!(summary["decays"], 0);
+        number(&summary["force_n"], "peak")
+    });
+    // 1.5 mm on two springs of 1000 N/m in a row; the console's own friction takes 0.15 N at most.
+    assert!((0.6..0.76).contains(&peaks[1]), "{peaks:?}");
+    // Friction adds its fifth across.
+    let more = peaks[0] / peaks[1];
+    assert!((1.005..1.06).contains(&more), "{peaks:?}");
+    assert_eq!(peaks[2], 0.0, "{peaks:?}");
+}
+
 /// What hands that tighten draw out of two tubes depends on friction along the thread, and closes them bite by bite.
 #[test]
 fn an_anastomosis_is_drawn_together_bite_by_bite() {

@@ -314,6 +314,15 @@ impl Tool {
         Self::new(Shape::Sphere { radius_m }, offset_m)
     }
 
+    /// A unit vector across the axis in the frame of the grip: the side as far as that lies across it, for pictures, which need one
+    /// of what is round, too.
+    pub(crate) fn side_across(&self) -> Vector3<f64> {
+        let (axis, side) = (Vector3::from(self.axis), Vector3::from(self.side));
+        let rest = side - axis * axis.dot(&side);
+        let other = || axis.cross(&Vector3::ith(axis.iamin(), 1.0)).normalize();
+        rest.try_normalize(1e-6).unwrap_or_else(other)
+    }
+
     /// See [`Shape::radius_m`].
     pub fn radius_m(&self) -> f64 {
         self.shape.radius_m()

@@ -13,7 +13,7 @@ const HALF: u32 = 16;
 /// around them \[m\].
 pub(super) fn outline(tool: &Tool) -> (f64, Vec<Vec<Vector3<f64>>>) {
     let axis = Vector3::from(tool.axis);
-    let side = across(&axis, &tool.side.into());
+    let side = tool.side_across();
     let up = side.cross(&axis);
     // `rho` across the axis, `z` along it.
     let turned = |profile: &[(f64, f64)], rings: &[usize]| {
@@ -109,13 +109,6 @@ fn arc([rho, z]: [f64; 2], radius: f64, [from, to]: [f64; 2]) -> impl Iterator<I
         let angle = from + (to - from) * f64::from(k) / f64::from(pieces);
         (rho + radius * angle.sin(), z + radius * angle.cos())
     })
-}
-
-/// A unit vector across `axis`: `side` if that is one.
-fn across(axis: &Vector3<f64>, side: &Vector3<f64>) -> Vector3<f64> {
-    let rest = side - axis * axis.dot(side);
-    let other = || axis.cross(&Vector3::ith(axis.iamin(), 1.0)).normalize();
-    rest.try_normalize(1e-6).unwrap_or_else(other)
 }
 
 #[cfg(test)]

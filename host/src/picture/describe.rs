@@ -76,7 +76,8 @@ pub fn describe_tools(scene: &Scene) -> Value {
             "size_m": size_m,
             "offset_m": shape.offset_m,
             "axis": shape.axis,
-            "side": shape.side,
+            // Their frame is made of both: what is round and lies along its side would be flat.
+            "side": <[f64; 3]>::from(shape.side_across()),
             "points_m": points_m,
             "triangles": mesh_of.map(|mesh| mesh.triangles().to_vec()),
         })
@@ -119,4 +120,31 @@ pub fn describe_threads(scene: &Scene) -> Value {
         })
     });
     each.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{self, Document};
+    use std::path::Path;
+
+    /// A page turns a tool by its axis and its side, so that these have to be across each other, of a body along x, too.
+    #[test]
+    fn sides_of_bodies_are_across_their_axes() {
+        let head = "[mesh.slab]\nsize_m = [0.04, 0.04, 0.01]\ndivisions = [2, 2, 1]\n[tissue]\nyoungs_modulus_pa = 3e4\n\
+                    poisson_ratio = 0.4\n[[fixed]]\nplane = { axis = \"z\", at_m = -0.01 }\n[[tool]]\nshape = \"grip\"\n\
+                    position_m = [0.0, 0.0, 0.1]\nbody = { radius_m = 0.002, length_m = 0.06, axis = ";
+        for axis in ["[1.0, 0.0, 0.0]", "[0.6, 0.0, -0.8]", "[0.0, 1.0, 0.0]"] {
+            let text = format!("{head}{axis} }}\n");
+            let document = Document::embedded("bodies.toml", Path::new("/nowhere"), &text);
+            let tools = describe_tools(&scene::read(&document).expect("a scene"));
+            let direction =
+                |key: &str| [0, 1, 2].map(|at| tools[0][key][at].as_f64().expect("a number"));
+            let [along, side] = ["axis", "side"].map(|key| nalgebra::Vector3::from(direction(key)));
+            assert!(
+                along.dot(&side).abs() < 1e-12 && (side.norm() - 1.0).abs() < 1e-12,
+                "{axis}: {side}"
+            );
+        }
+    }
 }

@@ -1,8 +1,8 @@
 //! `[[body_contact]]`: which threads may lie on which bodies of grips and needles, and which of these press on each other.
 //!
-//! Entry point: [`read_body_contacts`].
+//! Entry points: [`read_body_contacts`], [`idle_pairs`].
 
-use super::document::{Document, SceneError};
+use super::document::{Document, Flaw, SceneError};
 use super::threads::Thread;
 use super::{Needle, Tool};
 use crate::rod::{BodyContact, STIFFEST_PAIR_N_PER_M};
@@ -49,6 +49,35 @@ pub(super) fn read_body_contacts(
         }
     }
     Ok((laps, pairs))
+}
+
+/// A warning for each needle that a body is to press on while no other tool holds it: nothing of that is felt, and it does not move.
+pub(super) fn idle_pairs(
+    document: &Document,
+    sections: &[Spanned<BodyContactSection>],
+    needles: &[Needle],
+) -> Vec<Flaw> {
+    let idle = |section: &Spanned<BodyContactSection>| {
+        let [first, second] = section.get_ref().between.each_ref();
+        let (needle, tool) = match (first.get_ref(), second.get_ref()) {
+            (BodyName::Needle(needle), BodyName::Tool(tool))
+            | (BodyName::Tool(tool), BodyName::Needle(needle)) => (*needle, *tool),
+            _ => return None,
+        };
+        let holds = &needles.iter().find(|other| other.id == needle)?.holds;
+        let (hold, who) = holds.iter().find_map(|hold| match hold.tool {
+            None => Some((hold, "nobody holds".to_owned())),
+            Some(own) if own == tool => Some((hold, format!("tool {own} itself holds"))),
+            Some(_) => None,
+        })?;
+        let message = format!(
+            "from {} s on {who} needle {needle}: the body of tool {tool} does not press on it meanwhile",
+            hold.time_s
+        );
+        let help = "a needle is pressed on while another tool holds it; one that nobody holds is gone through, and stays";
+        Some(document.warning(section.span(), &message, "not all the time", help))
+    };
+    sections.iter().filter_map(idle).collect()
 }
 
 /// A thread and a body that it lies on, beside those that are known.

@@ -3,7 +3,7 @@
 //! Entry point: [`Scene::read`]. The first thing that is wrong ends it, with its place in the file.
 
 use super::added;
-use super::bodies::read_body_contacts;
+use super::bodies::{idle_pairs, read_body_contacts};
 use super::device::find_device;
 use super::document::{Document, SceneError};
 use super::gravity::{read_density, read_gravity, read_settle};
@@ -112,6 +112,7 @@ impl Scene {
         let touching = read_touching(document, &file.tissue_contact, &mesh)?;
         let bodies = (&threads[..], &needles[..], &tools[..]);
         let (body_contacts, body_pairs) = read_body_contacts(document, &file.body_contact, bodies)?;
+        warnings.extend(idle_pairs(document, &file.body_contact, &needles));
         let needle_tissue = read_needle_tissue(document, &file, &of_cell, &mut warnings)?;
         let added = added.into_iter().enumerate();
         let added = added.map(|(index, (span, section))| {

@@ -547,6 +547,34 @@ fn bodies_that_threads_lie_on_are_named() {
     scene.build().expect("a model");
 }
 
+/// A needle that another tool holds all the time is pressed on; one that is let go of, or held by the body's own tool, is not.
+#[test]
+fn needles_that_a_body_does_not_press_on_are_told() {
+    let pair = "\n[[body_contact]]\nbetween = [{ needle = 3 }, { tool = 5 }]\n";
+    let text = with_bodies(pair);
+    let said = |hold: &str| {
+        let held = text.replacen("time_s = 0.0\ntool = 2", hold, 1);
+        let scene = read(&held).expect("good");
+        let words = scene.warnings.iter().map(ToString::to_string);
+        words
+            .filter(|word| word.contains("press on it"))
+            .collect::<Vec<_>>()
+    };
+    assert!(said("time_s = 0.0\ntool = 2").is_empty());
+    for (hold, expected) in [
+        (
+            "time_s = 0.0\ntool = 2\n[[needle.hold]]\ntime_s = 0.7",
+            "from 0.7 s on nobody holds needle 3: the body of tool 5 does not press on it meanwhile",
+        ),
+        (
+            "time_s = 0.0\ntool = 5",
+            "from 0 s on tool 5 itself holds needle 3: the body of tool 5 does not press on it meanwhile",
+        ),
+    ] {
+        assert_eq!(said(hold), [expected]);
+    }
+}
+
 #[test]
 fn slips_at_bodies_are_told_at_their_place() {
     let slip = |from, to, message, under, help| Slip {

@@ -451,6 +451,35 @@ fn what_was_put_into_the_other_waits() {
     assert!(wrench(&both(&mut bench), 1).0.y > 0.9);
 }
 
+/// A hand that presses by more than the stiffness times both radii goes through: the force grows to that and no further, and from the middle
+/// on drives the body out on the other side, where it lets go. Across the way nothing comes along.
+#[test]
+fn what_presses_too_hard_goes_through() {
+    let mut bench = two(None, 0.0);
+    let far = SUM_M + 3e-4;
+    lie(&mut bench, (Vector3::new(0.0, far, 0.0), crossing()));
+    let mut most_n = 0.0f64;
+    // Past the middle, where there is no normal.
+    for step in 1..=128 {
+        let y = far * (1.0 - f64::from(step) / 64.5);
+        bench.other = placed(Vector3::new(0.0, y, 0.0), crossing());
+        let report = both(&mut bench);
+        let [one, other] = [wrench(&report, 0).0, wrench(&report, 1).0];
+        let expected = STIFF * (SUM_M - y.abs()).max(0.0) * y.signum();
+        assert!(
+            (other - Vector3::y() * expected).norm() < 1e-9,
+            "{y}: {other}"
+        );
+        assert!((one + other).norm() < 1e-12);
+        most_n = most_n.max(other.norm());
+    }
+    assert!(
+        most_n > 0.95 * STIFF * SUM_M && most_n <= STIFF * SUM_M,
+        "{most_n}"
+    );
+    assert_eq!(wrench(&both(&mut bench), 1).0, Vector3::zeros());
+}
+
 #[test]
 fn pairs_allocate_nothing() {
     let mut bench = two(None, 0.3);
