@@ -22,6 +22,9 @@ use nalgebra::{Isometry3, Vector3, Vector6};
 
 /// A slide is known well enough when it changes by less than this part of the needle \[1\].
 const SLIDE_TOLERANCE: f64 = 3e-8;
+/// As much of the force across a bent needle may come in along it by what its tangent turns over the rest of a slide \[N\]: a thousandth of
+/// what is felt.
+const TURNED_N: f64 = 3e-7;
 /// Compliance of friction on fixed nodes \[m/N\]: far below any tissue's, so that it slides at once.
 const RIGID_M_PER_N: f64 = 1e-6;
 /// Least compliance of a row beside fixed nodes \[m/N\]: a hundredth of what an edge of soft tissue has.
@@ -363,19 +366,23 @@ impl Balance<'_> {
         for (index, state) in self.state.each.iter_mut().enumerate() {
             let shape = &self.sources.needles[index].needle.shape;
             let relaxation = &mut needles.relaxations[index];
-            let points = || needles.points.iter().filter(|point| point.needle == index);
+            let all = || needles.points.iter().enumerate();
+            let points = || all().filter(|(_, point)| point.needle == index);
+            let curve = self.sources.needles[index].needle.at(&state.pose);
             let mut at_rest = true;
-            for point in points() {
+            for (place, point) in points() {
                 if let Some((_, alpha)) = state.slid_to(point, delta_m) {
                     let change_m = alpha - point.alpha;
+                    let turns = (curve.curvature_at(alpha) * change_m).abs();
                     at_rest &= change_m.abs() <= SLIDE_TOLERANCE * shape.length_m();
+                    at_rest &= turns * self.state.grasp.force_on(place).norm() <= TURNED_N;
                     relaxation.take(change_m);
                 }
             }
             at_rest |= !shape.bends();
             let part = relaxation.part();
             let part = if at_rest { 1.0 } else { part };
-            for point in points() {
+            for (_, point) in points() {
                 if let Some((place, alpha)) = state.slid_to(point, delta_m) {
                     let alpha = point.alpha + part * (alpha - point.alpha);
                     state.history.set_alpha(place, alpha);
@@ -415,16 +422,17 @@ impl Balance<'_> {
     }
 
     /// Tissue that has been folded by more than its own thickness would have crossings change places: what
-    /// slides stops at the next one instead.
+    /// slides stops at the next one instead. What slides off the tip does not: all beyond it come off, too.
     pub(super) fn unfold(&mut self) {
-        for state in self.state.each.iter_mut() {
+        for (state, part) in self.state.each.iter_mut().zip(&self.sources.needles) {
+            let length_m = part.needle.shape.length_m();
             let count = state.holds.len();
             let mut folded = false;
             let alpha = |state: &NeedleState, index: usize| state.history.crossings()[index].alpha;
             for index in (1..count).rev() {
                 let (own, next) = (alpha(state, index - 1), alpha(state, index));
                 let slid = own != state.holds[index - 1].alpha;
-                if own > next && slid {
+                if own > next && own <= length_m && slid {
                     state.history.set_alpha(index - 1, next);
                     folded = true;
                 }
