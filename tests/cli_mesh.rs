@@ -283,3 +283,63 @@ fn a_mesh_in_millimetres_gets_its_hint() {
     let warnings = report["warnings"].to_string();
     assert!(warnings.contains("0.001"), "{warnings}");
 }
+
+/// What a mesh's reader leaves out is said once where a scene is loaded, and in `scene check`.
+#[test]
+fn scenes_say_what_was_made_of_their_mesh() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let mesh = crate::support::root().join("tests/data/meshes/gmsh41-order2.msh");
+    std::fs::copy(mesh, directory.path().join("a.msh")).expect("a copy");
+    let info = info(directory.path(), "a.msh");
+    let said = info["notes"].as_array().expect("a list");
+    assert!(!said.is_empty(), "{info}");
+    let [x, y, z] = [0, 1, 2].map(|axis| info["size_m"][axis].as_f64().expect("a number"));
+    let scale = 0.05 / x.max(y).max(z);
+    let scene = |more: &str| {
+        let text = format!(
+            "gravity_m_per_s2 = [0.0, 0.0, -9.81]\n[mesh]\nfile = \"a.msh\"\nscale_to_m = {scale}\n{more}\n[[fixed]]\nnodes = [0, 1, 2, 3]\n\
+             [tissue]\nyoungs_modulus_pa = 1e6\npoisson_ratio = 0.4\ndensity_kg_per_m3 = 1000.0\n"
+        );
+        std::fs::write(directory.path().join("a.toml"), text).expect("writable");
+    };
+    scene("");
+    let checked = json(&sutura_in(
+        directory.path(),
+        &["scene", "check", "a.toml", "--format", "json"],
+    ));
+    let notes = checked["notes"].as_array().expect("a list");
+    assert_eq!(notes.len(), said.len(), "{checked}");
+    for (note, said) in notes.iter().zip(said) {
+        let (note, said) = (
+            note["message"].as_str().expect("text"),
+            said.as_str().expect("text"),
+        );
+        assert!(
+            note.contains("a.msh") && note.contains(said),
+            "{note}, not {said}"
+        );
+    }
+    assert_eq!(notes[0]["line"], 3);
+    let ran = sutura_in(directory.path(), &["solve", "a.toml", "--out", "a.json"]);
+    let text = ran.stderr.split_whitespace().collect::<Vec<_>>().join(" ");
+    for said in said {
+        let said = said.as_str().expect("text");
+        assert_eq!(text.matches(said).count(), 1, "{said} in {text}");
+    }
+    // Cells of ten nodes are asked for in vain, with what to do instead.
+    scene("cells = \"quadratic\"");
+    let ran = sutura_in(directory.path(), &["scene", "check", "a.toml"]);
+    let text = ran
+        .stderr
+        .split_whitespace()
+        .filter(|word| *word != "\u{2502}");
+    let text = text.collect::<Vec<_>>().join(" ");
+    assert_eq!(ran.code, 2, "{text}");
+    for words in [
+        "unknown key `cells`",
+        "mesh finer",
+        "setting = \"quadratic cells, to 1e-3\"",
+    ] {
+        assert!(text.contains(words), "no {words} in {text}");
+    }
+}

@@ -65,19 +65,26 @@ fn fill(at: &Path, arguments: &[&str]) -> Ran {
     ran(command.env("PATH", format!("{}:{path}", at.join("bin").display())))
 }
 
+/// What it said, without the breaks and bars of a terminal's lines.
+fn unwrapped(ran: &Ran) -> String {
+    let words = ran.stderr.split_whitespace();
+    words
+        .filter(|word| *word != "\u{2502}")
+        .collect::<Vec<_>>()
+        .join(" ")
+}
+
 /// Hands back `mesh-K.msh` for cells with edges of a K-th of the box, K from 1 to 9, and notes each size.
 const STAND_IN: &str = r#"
 h=$(sed -n 's/^h = \(.*\);/\1/p' "$1")
 k=$(awk -v h="$h" 'BEGIN { k = int(30 / h + 0.5); if (k < 1) k = 1; if (k > 9) k = 9; print k }')
-test -f surface.stl || exit 3
+cp surface.stl "$(dirname "$0")/given.stl" || exit 3
 echo "$h $k" >> "$(dirname "$0")/sizes"
 cp "$(dirname "$0")/mesh-$k.msh" filled.msh
 "#;
 
-#[test]
-fn sizes_are_tried_until_the_nodes_are_near() {
-    let folder = folder(STAND_IN);
-    let at = folder.path();
+/// Slabs in place of what gmsh makes of the box, with K cubes along each edge.
+fn stand_ins(at: &Path) {
     for k in 1..=9usize {
         let slab = sutura_host::mesh::slab([30.0; 3], [k; 3]).expect("a slab");
         let raw = sutura_host::mesh::RawMesh::new(
@@ -89,6 +96,90 @@ fn sizes_are_tried_until_the_nodes_are_near() {
         let format = sutura_host::output::MeshFormat::of(&path).expect("a format");
         sutura_host::output::write_mesh(&raw, &path, format).expect("written");
     }
+}
+
+/// Turned over in places, with triangles twice and a box inside: gmsh is given one that is closed, and all is said.
+#[test]
+fn what_is_put_right_is_said() {
+    let folder = folder(STAND_IN);
+    let at = folder.path();
+    stand_ins(at);
+    let mut triangles = cuboid([0.0; 3], 30.0);
+    triangles[3].swap(0, 1);
+    triangles.push(triangles[5]);
+    triangles.extend(cuboid([10.0; 3], 5.0));
+    stl(&at.join("bad.stl"), &triangles);
+    let arguments = [
+        "bad.stl", "--nodes", "343", "--out", "a.msh", "--scale", "0.001",
+    ];
+    let ran = fill(at, &[&arguments[..], &["--format", "json"]].concat());
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let report = ran.json();
+    let expected = serde_json::json!({
+        "welded_points": 0, "dropped_triangles": 1, "turned_triangles": 13, "parts": 2, "hollows": 1,
+    });
+    assert_eq!(report["repaired"], expected);
+    let notes = report["notes"].to_string();
+    for words in [
+        "1 triangle dropped",
+        "13 triangles turned over",
+        "1 part lies inside another",
+    ] {
+        assert!(notes.contains(words), "{words}: {notes}");
+    }
+    // What it is given is closed, looks outwards, and has the box's volume less the hollow's.
+    let given = std::fs::read(at.join("bin/given.stl")).expect("kept");
+    let given = sutura_host::mesh::SurfaceFormat::Stl
+        .read(&given, 1.0)
+        .expect("an STL");
+    assert!(given.check().is_ok());
+    assert!((given.volume_m3() - (27000.0 - 125.0)).abs() < 1e-3);
+    // An OBJ of the same box in metres, of its sides.
+    let mut text = String::new();
+    for k in 0..8 {
+        let [x, y, z] = [0, 1, 2].map(|axis| 0.03 * f64::from(k >> axis & 1));
+        writeln!(text, "v {x} {y} {z}").expect("a string");
+    }
+    text.push_str("f 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\nf 2 4 8 6\n");
+    std::fs::write(at.join("box.obj"), text).expect("writable");
+    let ran = fill(
+        at,
+        &[
+            "box.obj", "--nodes", "343", "--out", "b.msh", "--format", "json",
+        ],
+    );
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let report = ran.json();
+    assert_eq!(
+        (&report["triangles"], &report["nodes"]),
+        (&12.into(), &343.into())
+    );
+    // A mesh is never written over the surface, whatever it is called.
+    let same = at.join("same.msh");
+    std::os::unix::fs::symlink(at.join("box.obj"), &same).expect("a link");
+    let ran = fill(
+        at,
+        &[
+            "box.obj",
+            "--nodes",
+            "343",
+            "--out",
+            "same.msh",
+            "--overwrite",
+        ],
+    );
+    assert!(
+        ran.code == 2 && unwrapped(&ran).contains("written over itself"),
+        "{}",
+        ran.stderr
+    );
+}
+
+#[test]
+fn sizes_are_tried_until_the_nodes_are_near() {
+    let folder = folder(STAND_IN);
+    let at = folder.path();
+    stand_ins(at);
     // 6 cubes along each edge have 7^3 nodes.
     let arguments = [
         "box.stl", "--nodes", "350", "--out", "box.msh", "--scale", "0.001",
@@ -138,20 +229,37 @@ fn surfaces_that_cannot_be_filled_are_refused_by_their_triangles() {
     let at = folder.path();
     let whole = cuboid([0.0; 3], 30.0);
     stl(&at.join("open.stl"), &whole[..11]);
-    let mut turned = whole.clone();
-    turned[3].swap(0, 1);
-    stl(&at.join("turned.stl"), &turned);
     // A second box, whose corner is inside the first.
     let both = [whole.clone(), cuboid([20.0, 19.0, 18.0], 30.0)].concat();
     stl(&at.join("crossing.stl"), &both);
-    std::fs::write(at.join("part.ply"), "ply\n").expect("writable");
+    // A third triangle at an edge of the first.
+    let mut fin = whole[0];
+    fin[2] = [50.0, 50.0, 50.0];
+    stl(&at.join("fin.stl"), &[whole.clone(), vec![fin]].concat());
+    std::fs::write(at.join("part.off"), "OFF\n").expect("writable");
     std::fs::write(at.join("words.stl"), "no surface\n").expect("writable");
+    std::fs::write(at.join("cut.ply"), "ply\nformat ascii 1.0\n").expect("writable");
+    std::fs::write(at.join("far.obj"), "v 0 0 0\nf 1 2 3\n").expect("writable");
     for (file, said) in [
-        ("open.stl", ["the surface is open: triangle", "Close Holes"]),
-        ("turned.stl", ["turned over", "Re-Orient"]),
-        ("crossing.stl", ["cross each other", "Union"]),
-        ("part.ply", ["part.ply", "meshio convert"]),
-        ("words.stl", ["words.stl", "no STL"]),
+        (
+            "open.stl",
+            ["the surface is open: face 2 has", "Close Holes"],
+        ),
+        ("crossing.stl", ["faces 2 and 17 cross each other", "Union"]),
+        (
+            "fin.stl",
+            ["faces [0, 1, 12] meet in one edge", "Repair non Manifold"],
+        ),
+        ("part.off", ["part.off is no surface", "meshio convert"]),
+        (
+            "words.stl",
+            ["words.stl: line 1", "mend the file at that place"],
+        ),
+        ("cut.ply", ["cut.ply: line 3", "is it cut off?"]),
+        (
+            "far.obj",
+            ["far.obj: line 2", "one of the 1 vertices so far"],
+        ),
         ("none.stl", ["cannot read none.stl", "No such file"]),
     ] {
         let ran = fill(
@@ -159,12 +267,7 @@ fn surfaces_that_cannot_be_filled_are_refused_by_their_triangles() {
             &[file, "--nodes", "300", "--out", "a.msh", "--scale", "0.001"],
         );
         assert_eq!(ran.code, 2, "{file}: {}", ran.stderr);
-        // A terminal's lines are cut: words, not the line.
-        let text = ran
-            .stderr
-            .split_whitespace()
-            .filter(|word| *word != "\u{2502}");
-        let text = text.collect::<Vec<_>>().join(" ");
+        let text = unwrapped(&ran);
         for words in said {
             assert!(text.contains(words), "{file}: no {words} in {text}");
         }
@@ -229,4 +332,74 @@ fn gmsh_fills_a_ring() {
     assert!((nodes / 1000.0 - 1.0).abs() <= 0.1, "{nodes}");
     assert_eq!(report["usable"], true, "{report}");
     assert_eq!(report["regions"][0]["name"], "tissue");
+}
+
+/// Whether a program can be started.
+fn is_there(program: &str) -> bool {
+    let ran = Command::new(program).arg("--version").output();
+    ran.is_ok_and(|ran| ran.status.success())
+}
+
+/// The book's way from a drawn label volume to a scene, command by command. The surface is kept beside the script: where gmsh is
+/// there the rest is done with it. With `SUTURA_FULL=1` numpy, scikit-image and gmsh have to be there, and the surface is that of the script.
+#[test]
+fn a_label_volume_becomes_a_scene_in_three_commands() {
+    let book = crate::support::root().join("docs/src/mesh");
+    let kept = std::fs::read(book.join("lobe.ply")).expect("kept");
+    let mut surface = sutura_host::mesh::SurfaceFormat::Ply
+        .read(&kept, 0.001)
+        .expect("a surface");
+    let sound = surface.repair().expect("closed");
+    assert_eq!((sound.turned_triangles, sound.parts), (0, 1), "{sound:?}");
+    assert_eq!(sutura_host::tool::crossing(&surface), None);
+    if !full() && !is_there("gmsh") {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = folder.path();
+    for name in ["lobe.ply", "lobe.toml", "surface.py"] {
+        std::fs::copy(book.join(name), at.join(name)).expect("a copy");
+    }
+    if full() {
+        std::fs::remove_file(at.join("lobe.ply")).expect("there");
+        let ran = ran(Command::new("python").arg("surface.py").current_dir(at));
+        assert_eq!(ran.code, 0, "{}", ran.stderr);
+        let made = std::fs::read(at.join("lobe.ply")).expect("written");
+        assert!(
+            made == kept,
+            "docs/src/mesh/lobe.ply is not what surface.py writes"
+        );
+    }
+    let page = std::fs::read_to_string(book.join("../mesh.md")).expect("readable");
+    for words in [
+        "mesh fill lobe.ply --nodes 1000 --out lobe.msh --scale 0.001",
+        "run lobe.toml",
+    ] {
+        assert!(
+            page.contains(&format!("sutura {words}\n")),
+            "the book does not say {words}"
+        );
+    }
+    let arguments = [
+        "lobe.ply", "--nodes", "1000", "--out", "lobe.msh", "--scale", "0.001", "--format", "json",
+    ];
+    let ran = sutura_in(at, &[&["mesh", "fill"], &arguments[..]].concat());
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let report: Value = ran.json();
+    let nodes = report["nodes"].as_f64().expect("a number");
+    assert!((nodes / 1000.0 - 1.0).abs() <= 0.1, "{nodes}");
+    assert_eq!(report["usable"], true, "{report}");
+    // gmsh cuts the steps of the voxels' corners, and keeps what is inside.
+    let volume = report["volume_m3"].as_f64().expect("a number");
+    assert!(
+        (volume / surface.volume_m3() - 1.0).abs() < 0.05,
+        "{volume}"
+    );
+    let checked = sutura_in(at, &["scene", "check", "lobe.toml", "--format", "json"]);
+    assert_eq!(checked.code, 0, "{}", checked.stderr);
+    assert_eq!(checked.json()["warnings"], serde_json::json!([]));
+    let ran = sutura_in(at, &["run", "lobe.toml", "--lockstep", "--format", "json"]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let peak = ran.json()["force_n"]["peak"].as_f64().expect("a number");
+    assert!((0.1..10.0).contains(&peak), "{peak}");
 }

@@ -205,6 +205,12 @@ const EXAMPLES: &[(&str, Way)] = &[
         EndsWith(&[0, 1]),
     ),
     (
+        "sutura mesh fill lobe.ply --nodes 1000 --out lobe.msh --scale 0.001",
+        EndsWith(&[0, 1]),
+    ),
+    // Its mesh is not there without: tests/cli_mesh_fill.rs runs it on one.
+    ("sutura run lobe.toml", EndsWith(&[0, 2])),
+    (
         "sutura mesh convert part.msh --out part.vtu",
         Ends(&["part.vtu"]),
     ),
@@ -427,6 +433,9 @@ fn folder() -> tempfile::TempDir {
     .unwrap();
     let ring = root().join("tests/data/ring.stl");
     std::fs::copy(ring, at.join("liver.stl")).unwrap();
+    for name in ["lobe.ply", "lobe.toml"] {
+        std::fs::copy(root().join("docs/src/mesh").join(name), at.join(name)).unwrap();
+    }
     let deck = root().join("tests/data/meshes/gmsh.inp");
     std::fs::copy(deck, at.join("part.inp")).unwrap();
     for name in ["part.vtk", "part.node", "part.msh"] {

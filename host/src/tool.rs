@@ -1,12 +1,12 @@
 //! Tools: what the hand holds, and one sample of where it is.
 
 mod closed_mesh;
+mod crossing;
 #[cfg(test)]
 mod mesh_tests;
-mod stl;
 
-pub use closed_mesh::{ClosedMesh, MOST_TRIANGLES, MeshFlaw};
-pub use stl::read_stl;
+pub use closed_mesh::{ClosedMesh, MOST_TRIANGLES};
+pub use crossing::crossing;
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use schemars::JsonSchema;

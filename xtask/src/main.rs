@@ -12,6 +12,7 @@ mod hil;
 mod image;
 mod locks;
 mod made_of;
+mod mesher;
 mod plots;
 mod python;
 mod run;

@@ -51,7 +51,10 @@ pub fn test(full: bool) -> Result<()> {
 }
 
 /// A virtual environment in a folder, made anew with `fresh`; its Python.
-fn environment(folder: &Path, fresh: bool) -> Result<PathBuf> {
+///
+/// # Errors
+/// If there is no Python that makes one.
+pub fn environment(folder: &Path, fresh: bool) -> Result<PathBuf> {
     let python = match cfg!(windows) {
         true => folder.join("Scripts/python.exe"),
         false => folder.join("bin/python"),
@@ -63,7 +66,8 @@ fn environment(folder: &Path, fresh: bool) -> Result<PathBuf> {
     Ok(python)
 }
 
-fn pip(python: &Path) -> String {
+/// Its installer, without more words than it needs.
+pub fn pip(python: &Path) -> String {
     format!(
         "{} -m pip install --quiet --disable-pip-version-check",
         python.display()

@@ -54,10 +54,12 @@ const FILL_EXAMPLES: &str = "\
 Examples:
   sutura mesh fill liver.stl --nodes 1500 --out liver.msh --scale 0.001  a surface in millimetres; the mesh is in metres
   sutura mesh fill liver.stl --nodes 300 --out liver.vtu --format json
+  sutura mesh fill lobe.ply --nodes 1000 --out lobe.msh --scale 0.001  .obj and .ply too; faces of more corners are split
 
 gmsh does it, a program of its own: pip install gmsh, or apt install gmsh. It meshes the surface anew with triangles of one size, and the
 inside with tetrahedra; it runs with one size after another until there are about as many nodes as asked for, within a tenth.
-A surface that is open, turned over in places, or crosses itself is refused, with the triangles by their number, from 0.";
+Points that lie on each other are welded, triangles with two corners at one place or there twice dropped, others turned over to look outwards, and all of it
+is said. A surface that is open, crosses itself, or has more than two faces at an edge is refused, with the faces by their number, from 0.";
 
 #[derive(Subcommand, Debug)]
 enum MeshCommand {
@@ -289,11 +291,7 @@ fn print_times(trial: &Result<Trial, String>) {
 fn convert(input: &Input, out: &Path, clean: bool, global: &Global) -> Result<(), Failure> {
     // Before the work: a mesh that cannot be written need not be read.
     let format = format_of(out)?;
-    if is_same(&input.file, out) {
-        let message = format!("{} would be written over itself", input.file.display());
-        let help = "name another file for --out: what is left out of a mesh cannot be had back";
-        return Err(Failure::say(Cause::BadInput, message, help));
-    }
+    never_over_itself(&input.file, out)?;
     files::free(out, global)?;
     let (mut mesh, mut report) = read(input)?;
     let cleaned = clean.then(|| mesh.clean());
@@ -340,6 +338,15 @@ fn format_of(out: &Path) -> Result<MeshFormat, Failure> {
         let help = "end the name in .msh, .node, .ele, .vtk or .vtu";
         Failure::say(Cause::BadInput, message, help)
     })
+}
+
+fn never_over_itself(file: &Path, out: &Path) -> Result<(), Failure> {
+    if !is_same(file, out) {
+        return Ok(());
+    }
+    let message = format!("{} would be written over itself", file.display());
+    let help = "name another file for --out: what is left out of a mesh cannot be had back";
+    Err(Failure::say(Cause::BadInput, message, help))
 }
 
 /// Whether writing `out` would change `file`; tetgen's files are two.

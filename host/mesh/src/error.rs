@@ -101,6 +101,9 @@ pub enum MeshError {
         "{0} is no mesh file that is read here; these are: .msh, .node with .ele, .vtk, .vtu, .mesh, .inp"
     )]
     Extension(String),
+    /// A file of a kind that is not read as a surface.
+    #[error("{0} is no surface that is read here; these are: .stl, .obj, .ply")]
+    NoSurface(String),
     /// A version or encoding that is not read.
     #[error("{at}: {found} is not read; save it as gmsh 4.1 or 2.2: gmsh -save -format msh41 FILE")]
     Version {

@@ -1,6 +1,6 @@
 //! Tetrahedral meshes: from files, from a built-in structured slab, their boundary and connectivity.
 //!
-//! Entry points: [`read_mesh`], [`slab`], [`TetMesh::new`], [`HalfFaces`], [`MeshReport`]. A [`TetMesh`] that exists has
+//! Entry points: [`read_mesh`], [`slab`], [`TetMesh::new`], [`HalfFaces`], [`MeshReport`], [`TriangleMesh`]. A [`TetMesh`] that exists has
 //! passed every check in [`MeshError`]; nothing downstream has to look again.
 
 mod boundary;
@@ -13,6 +13,7 @@ mod read;
 mod report;
 mod structured;
 mod surface;
+mod triangles;
 
 pub use boundary::{Boundary, Side};
 pub use error::{CellId, MeshError, NodeId, Place};
@@ -24,6 +25,7 @@ pub use read::{
 pub use report::{EdgeLengths, MeshReport, Quality, RegionReport, mean_ratio};
 pub use structured::{slab, tube};
 pub use surface::Surface;
+pub use triangles::{Closed, Repaired, SurfaceFlaw, SurfaceFormat, TriangleMesh};
 
 use check::Tags;
 use nalgebra::Vector3;

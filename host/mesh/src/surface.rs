@@ -60,14 +60,20 @@ impl Surface {
         let point = Vector3::from(point);
         let mut half_angle = 0.0;
         for triangle in &self.triangles {
-            let [a, b, c] = triangle.map(|node| Vector3::from(points_m[node as usize]) - point);
-            let (la, lb, lc) = (a.norm(), b.norm(), c.norm());
-            let volume = a.dot(&b.cross(&c));
-            let spread = la * lb * lc + a.dot(&b) * lc + b.dot(&c) * la + c.dot(&a) * lb;
-            half_angle += volume.atan2(spread);
+            half_angle += self::half_angle(
+                triangle.map(|node| Vector3::from(points_m[node as usize]) - point),
+            );
         }
         half_angle > std::f64::consts::PI
     }
+}
+
+/// Half of the solid angle of a triangle seen from the origin, above zero where it sees its corners clockwise: from inside.
+pub(crate) fn half_angle([a, b, c]: [Vector3<f64>; 3]) -> f64 {
+    let (la, lb, lc) = (a.norm(), b.norm(), c.norm());
+    let volume = a.dot(&b.cross(&c));
+    let spread = la * lb * lc + a.dot(&b) * lc + b.dot(&c) * la + c.dot(&a) * lb;
+    volume.atan2(spread)
 }
 
 #[cfg(test)]

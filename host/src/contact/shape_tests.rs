@@ -1,7 +1,8 @@
 //! Capsules, boxes and meshes: derivatives in every region, turns, limits, and distances found by search.
 
 use super::shape::{Solid, Touch};
-use crate::tool::{ClosedMesh, Placement, Shape, Tool, read_stl};
+use crate::mesh::SurfaceFormat;
+use crate::tool::{ClosedMesh, Placement, Shape, Tool};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use std::sync::Arc;
 
@@ -399,7 +400,7 @@ fn a_mesh_of_a_box_is_a_rounded_box() {
 #[test]
 fn derivatives_of_a_mesh_are_those_of_its_distance() {
     let bytes = include_bytes!("../../../tests/data/bracket.stl");
-    let mesh = read_stl(bytes, 0.1).expect("closed");
+    let mesh = ClosedMesh::read(SurfaceFormat::Stl, bytes, 0.1).expect("closed");
     let shape = Shape::Mesh {
         mesh: Arc::new(mesh),
         fillet_m: FILLET,

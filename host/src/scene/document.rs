@@ -381,6 +381,9 @@ impl Document {
     }
 }
 
+/// What to do who asks for cells of a higher order.
+const CELLS: &str = "tools, needles and threads meet cells of four nodes: mesh finer, or for a truth to compare with take `model = \"hyperelastic\"` with `setting = \"quadratic cells, to 1e-3\"`, whose nodes on edges are its own";
+
 /// Message, label and help for what the parser said.
 fn explain(message: &str) -> (String, String, Option<String>) {
     let quoted: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
@@ -403,6 +406,7 @@ fn explain(message: &str) -> (String, String, Option<String>) {
         .collect::<Vec<_>>()
         .join(", ");
     let help = match nearest(word, known) {
+        _ if (what, word) == ("key", "cells") => format!("{CELLS}; known here: {all}"),
         Some(near) => format!("did you mean `{near}`? Known here: {all}"),
         None => format!("known here: {all}"),
     };

@@ -126,6 +126,8 @@ pub struct Scene {
     pub notes: Vec<Flaw>,
 }
 
+    /// What the mesh's reader left out of its file or made of it.
+    pub mesh_notes: Vec<Flaw>,
 /// What a scene says about corotational tissue; the solver's own choice where it says nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Corotational {

@@ -5,7 +5,7 @@
 use super::added;
 use super::bodies::{idle_pairs, read_body_contacts};
 use super::device::find_device;
-use super::document::{Document, SceneError};
+use super::document::{Document, Flaw, SceneError};
 use super::gravity::{read_density, read_gravity, read_settle};
 use super::hand::hand_script;
 use super::jaws::read_jaws;
@@ -21,6 +21,7 @@ use super::units;
 use super::{Corotational, DENSITY_KG_PER_M3, HostSettings, Registered, Scene, Tissue};
 use crate::fem::{Anchor, Handle, Loads, NodeLoad};
 use crate::mesh::{self, MeshError, TetMesh};
+use miette::Severity;
 use sutura_scene_file::scene::{
     HandleSection, LoadSection, MeshSection, SceneFile, TissueModel, TissueSection,
 };
@@ -43,7 +44,7 @@ impl Scene {
     /// The first thing that is wrong, at its place in the document.
     pub fn read(document: &Document, name: &str) -> Result<Scene, SceneError> {
         let (file, added) = added::read(document)?;
-        let mesh = read_mesh(document, &file.mesh)?;
+        let (mesh, mesh_notes) = read_mesh(document, &file.mesh)?;
         let (mut warnings, mut notes) = (Vec::new(), Vec::new());
         let Made {
             materials,
@@ -174,6 +175,7 @@ impl Scene {
         scene.settle = settle;
         scene.warnings.extend(warning);
         Ok(scene)
+            mesh_notes,
     }
 }
 
@@ -243,7 +245,12 @@ fn read_host(document: &Document, file: &SceneFile) -> Result<HostSettings, Scen
     })
 }
 
-fn read_mesh(document: &Document, section: &Spanned<MeshSection>) -> Result<TetMesh, SceneError> {
+/// The mesh, and what its reader says of its file.
+fn read_mesh(
+    document: &Document,
+    section: &Spanned<MeshSection>,
+) -> Result<(TetMesh, Vec<Flaw>), SceneError> {
+    let without_notes = |mesh| (mesh, Vec::new());
     match section.get_ref() {
         MeshSection {
             file: Some(file),
@@ -254,7 +261,12 @@ fn read_mesh(document: &Document, section: &Spanned<MeshSection>) -> Result<TetM
             let help = "metres per unit of the mesh file: 0.001 for a mesh in millimetres";
             let scale = document.number("scale_to_m", scale, "positive", |s| s > 0.0, help)?;
             let path = document.resolve(file.get_ref());
-            mesh::read_mesh_with(&path, scale, |path| document.file(path)).map_err(|error| {
+            let raw = mesh::read_raw_mesh_with(&path, scale, |path| document.file(path));
+            let checked = raw.and_then(|mut raw| {
+                let notes = std::mem::take(&mut raw.notes);
+                Ok((raw.check()?, notes))
+            });
+            let (mesh, notes) = checked.map_err(|error| {
                 let (message, help) = match error {
                     MeshError::Unreadable { file, reason } => (
                         format!("cannot read the mesh {file}: {reason}"),
@@ -266,20 +278,25 @@ fn read_mesh(document: &Document, section: &Spanned<MeshSection>) -> Result<TetM
                     ),
                 };
                 document.flaw(file.span(), message, "this file", Some(help))
-            })
+            })?;
+            let note = |said: String| {
+                let message = format!("the mesh {}: {said}", path.display());
+                document.note(Severity::Advice, file.span(), message, String::new(), None)
+            };
+            Ok((mesh, notes.into_iter().map(note).collect()))
         }
         MeshSection {
             file: None,
             scale_to_m: None,
             slab: Some(slab),
             part,
-        } if part.is_empty() => read_slab(document, slab),
+        } if part.is_empty() => read_slab(document, slab).map(without_notes),
         MeshSection {
             file: None,
             scale_to_m: None,
             slab: None,
             part,
-        } if !part.is_empty() => read_parts(document, part),
+        } if !part.is_empty() => read_parts(document, part).map(without_notes),
         _ => {
             let help = "give either `file = \"x.msh\"` with `scale_to_m`, or a `[mesh.slab]` section, or `[[mesh.part]]`s";
             let message = "the mesh comes from one place";

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::fem::Material;
+use crate::mesh::SurfaceFormat;
 use miette::Diagnostic;
 use nalgebra::Vector3;
 use std::sync::Arc;
@@ -218,7 +219,7 @@ fn a_mesh_arrives_from_its_file() {
         });
         Scene::read(&document, "scene").map(|scene| scene.tools[0].shape.clone())
     };
-    let mesh = tool::read_stl(file, 0.01).expect("closed");
+    let mesh = tool::ClosedMesh::read(SurfaceFormat::Stl, file, 0.01).expect("closed");
     let (_, deep_m) = mesh.deepest_m();
     let unsaid = tool::Tool::new(Shape::mesh(mesh.clone()), [0.0, 0.0, -0.01]);
     let found = read(file, "").expect("good");
@@ -238,7 +239,11 @@ fn a_mesh_arrives_from_its_file() {
     let keys = "fillet_m = 0.02\naxis = [2.0, 0.0, 0.0]\nside = [0.0, 0.0, 3.0]";
     assert_eq!(read(file, keys).expect("good"), said);
     for (file, keys, words) in [
-        (&file[..700], "", "a.stl cannot be used: it is no STL"),
+        (
+            &file[..700],
+            "",
+            "a.stl cannot be used: line 53: expected vertex",
+        ),
         (b"solid a\nendsolid a\n", "", "it has no triangles"),
         (
             &file[..],

@@ -3,7 +3,8 @@
 //! Entry point: [`read_shape`].
 
 use super::document::{Document, SceneError};
-use crate::tool::{self, Shape, Tool};
+use crate::mesh::{SurfaceFlaw, SurfaceFormat};
+use crate::tool::{self, ClosedMesh, Shape, Tool};
 use nalgebra::Vector3;
 use std::ops::Range;
 use sutura_scene_file::scene::{ToolSection, ToolShape};
@@ -238,9 +239,11 @@ fn read_mesh(document: &Document, spanned: &Spanned<ToolSection>) -> Result<Shap
         let help = "the path is relative to the scene file";
         document.flaw(file.span(), message, "this file", Some(help))
     })?;
-    let mesh = tool::read_stl(&bytes, scale_to_m).map_err(|flaw| {
+    let format = SurfaceFormat::of(&path).map_err(SurfaceFlaw::from);
+    let mesh = format.and_then(|format| ClosedMesh::read(format, &bytes, scale_to_m));
+    let mesh = mesh.map_err(|flaw| {
         let message = format!("the mesh {} cannot be used: {flaw}", path.display());
-        let help = "a tool's mesh is an STL file of one closed surface, triangles counted from 0; a modeller's check for 3D printing finds and closes holes";
+        let help = "a tool's mesh is a .stl, .obj or .ply of one closed surface, faces counted from 0; a modeller's check for 3D printing finds and closes holes";
         document.flaw(file.span(), message, "this file", Some(help))
     })?;
     let shape = Shape::mesh(mesh);

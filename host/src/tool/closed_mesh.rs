@@ -1,99 +1,20 @@
 //! A closed surface of triangles, and its place nearest to a point.
 //!
-//! Entry points: [`ClosedMesh::new`], [`ClosedMesh::nearest`]. On which side of the surface a point is say the normals of
-//! triangles and, where an edge or a vertex is nearest, pseudo-normals: sums of the triangles' normals there, at a vertex
+//! Entry points: [`ClosedMesh::new`], [`ClosedMesh::read`], [`ClosedMesh::nearest`]. On which side of the surface a point is
+//! say the normals of triangles and, where an edge or a vertex is nearest, pseudo-normals: sums of the triangles' normals there, at a vertex
 //! weighted by their angles (Baerentzen & Aanaes 2005). Parts of the surface that cut each other are not looked for.
 
 use crate::boxes::{Bounds, Tree};
+use crate::mesh::{Closed, SurfaceFlaw, SurfaceFormat, TriangleMesh};
 use nalgebra::{Matrix3, Vector3};
-use std::collections::HashMap;
-use thiserror::Error;
 
-/// Most triangles of a mesh.
+/// Most triangles of a mesh: every vertex near it asks for the nearest one.
 pub const MOST_TRIANGLES: usize = 20_000;
 /// Sines and relative lengths below this are nothing but rounding.
 const ROUNDING: f64 = 1e-9;
 /// Places along an axis among which the deepest inside is looked for first, and rounds that make it more exact.
 const PLACES: u32 = 17;
 const ROUNDS: u32 = 40;
-
-/// Why triangles are no closed surface; they count from 0.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum MeshFlaw {
-    /// What is no mesh at all.
-    #[error("it is no STL: {0}")]
-    Garbled(String),
-    /// None at all.
-    #[error("it has no triangles")]
-    Empty,
-    /// More than there may be.
-    #[error("it has more than {MOST_TRIANGLES} triangles: make it coarser")]
-    TooMany,
-    /// A place that is nowhere.
-    #[error("triangle {triangle} has a corner that is not finite")]
-    NotFinite {
-        /// Which.
-        triangle: usize,
-    },
-    /// A corner that there is not.
-    #[error("triangle {triangle} has the corner {corner}, but there are {points} points")]
-    NoPoint {
-        /// Which.
-        triangle: usize,
-        /// The corner that it names.
-        corner: u32,
-        /// How many there are.
-        points: usize,
-    },
-    /// A triangle without a normal.
-    #[error("triangle {triangle} at {at_m:?} m has no area: join it to its neighbours")]
-    NoArea {
-        /// Which.
-        triangle: usize,
-        /// Its first corner \[m\], (3).
-        at_m: [f64; 3],
-    },
-    /// An edge with a triangle on one side only.
-    #[error(
-        "the surface is open: triangle {triangle} has no neighbour at its edge from {from_m:?} to {to_m:?} m"
-    )]
-    Open {
-        /// Which.
-        triangle: usize,
-        /// Ends of the edge \[m\], (3) each.
-        from_m: [f64; 3],
-        /// The other end.
-        to_m: [f64; 3],
-    },
-    /// An edge that two triangles pass in the same direction.
-    #[error(
-        "triangles {one} and {other} both pass their edge from {from_m:?} to {to_m:?} m in this direction: one is turned over, or more than two meet there"
-    )]
-    Turned {
-        /// One of them.
-        one: usize,
-        /// The other.
-        other: usize,
-        /// Ends of the edge \[m\], (3) each.
-        from_m: [f64; 3],
-        /// The other end.
-        to_m: [f64; 3],
-    },
-    /// A vertex in which parts of the surface meet that have no edge in common.
-    #[error("parts of the surface meet at {at_m:?} m in nothing but a point")]
-    Pinched {
-        /// Where \[m\], (3).
-        at_m: [f64; 3],
-    },
-    /// Normals that point inwards.
-    #[error(
-        "the surface is inside out, or holds nothing: its volume is {volume_m3:e} m^3; turn all triangles over"
-    )]
-    InsideOut {
-        /// By the triangles' orientation \[m^3\].
-        volume_m3: f64,
-    },
-}
 
 /// A closed surface of triangles that see their corners counter-clockwise from outside.
 #[derive(Clone, Debug)]
@@ -146,31 +67,42 @@ impl ClosedMesh {
     /// Of points \[m\], (n x 3), and triangles by their corners.
     ///
     /// # Errors
-    /// What keeps them from being one closed surface, see [`MeshFlaw`].
-    pub fn new(points_m: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<Self, MeshFlaw> {
-        let points_m: Vec<Vector3<f64>> = points_m.iter().map(|at| (*at).into()).collect();
-        let normals = normals(&points_m, triangles)?;
-        let across = across(&points_m, triangles)?;
-        check_fans(&points_m, triangles, &across)?;
-        let corners = |triangle: &[u32; 3]| triangle.map(|point| points_m[point as usize]);
-        let six_fold = triangles.iter().map(|triangle| {
-            let [a, b, c] = corners(triangle);
-            a.dot(&b.cross(&c))
-        });
-        let volume_m3 = six_fold.sum::<f64>() / 6.0;
-        if volume_m3.is_nan() || volume_m3 <= 0.0 {
-            return Err(MeshFlaw::InsideOut { volume_m3 });
+    /// What keeps them from being one closed surface, see [`SurfaceFlaw`].
+    pub fn new(points_m: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<Self, SurfaceFlaw> {
+        Self::of(TriangleMesh::new(points_m.to_vec(), triangles.to_vec()))
+    }
+
+    /// The surface in a file's `bytes`, whose unit is `scale_to_m` metres, but for triangles that are none or there again.
+    ///
+    /// # Errors
+    /// As of [`Self::new`], and [`SurfaceFlaw::File`] for what cannot be read.
+    pub fn read(format: SurfaceFormat, bytes: &[u8], scale_to_m: f64) -> Result<Self, SurfaceFlaw> {
+        let mut surface = format.read(bytes, scale_to_m)?;
+        surface.drop_repeated();
+        Self::of(surface)
+    }
+
+    fn of(surface: TriangleMesh) -> Result<Self, SurfaceFlaw> {
+        if surface.triangles.len() > MOST_TRIANGLES {
+            return Err(SurfaceFlaw::TooMany {
+                triangles: surface.triangles.len(),
+                most: MOST_TRIANGLES,
+            });
         }
+        let Closed { normals, across } = surface.check()?;
+        let points_m: Vec<Vector3<f64>> = surface.points_m.iter().map(|at| (*at).into()).collect();
+        let triangles = surface.triangles;
+        let corners = |triangle: &[u32; 3]| triangle.map(|point| points_m[point as usize]);
         let tree = Tree::new(triangles.len() as u32, |triangle| {
             let corners = corners(&triangles[triangle as usize]);
             corners.iter().fold(Bounds::NOTHING, |all, at| all.with(at))
         });
-        let (first_neighbour, neighbours) = neighbours(points_m.len(), triangles);
+        let (first_neighbour, neighbours) = neighbours(points_m.len(), &triangles);
         let mut mesh = Self {
-            point_normals: point_normals(&points_m, triangles, &normals),
+            point_normals: point_normals(&points_m, &triangles, &normals),
             reach_m: points_m.iter().map(Vector3::norm).fold(0.0, f64::max),
             points_m,
-            triangles: triangles.to_vec(),
+            triangles,
             normals,
             across,
             first_neighbour,
@@ -374,112 +306,6 @@ fn arm(at: &Vector3<f64>, [a, b, c]: &[Vector3<f64>; 3]) -> (Part, Vector3<f64>)
         Part::Face,
         normal * (normal.dot(&from_a) / normal.norm_squared()),
     )
-}
-
-/// Unit normals of triangles.
-fn normals(
-    points_m: &[Vector3<f64>],
-    triangles: &[[u32; 3]],
-) -> Result<Vec<Vector3<f64>>, MeshFlaw> {
-    if triangles.is_empty() {
-        return Err(MeshFlaw::Empty);
-    }
-    if triangles.len() > MOST_TRIANGLES {
-        return Err(MeshFlaw::TooMany);
-    }
-    let normal = |(number, corners): (usize, &[u32; 3])| {
-        let points = points_m.len();
-        if let Some(&corner) = corners.iter().find(|corner| **corner as usize >= points) {
-            return Err(MeshFlaw::NoPoint {
-                triangle: number,
-                corner,
-                points,
-            });
-        }
-        let [a, b, c] = corners.map(|point| points_m[point as usize]);
-        // Squared as well: beyond that no distance can be computed.
-        if !(a.norm_squared() + b.norm_squared() + c.norm_squared()).is_finite() {
-            return Err(MeshFlaw::NotFinite { triangle: number });
-        }
-        let (ab, ac) = (b - a, c - a);
-        let least = ROUNDING * ab.norm_squared().max(ac.norm_squared());
-        let normal = ab.cross(&ac).try_normalize(least);
-        normal.ok_or(MeshFlaw::NoArea {
-            triangle: number,
-            at_m: a.into(),
-        })
-    };
-    triangles.iter().enumerate().map(normal).collect()
-}
-
-/// Triangles across the edges of each.
-fn across(points_m: &[Vector3<f64>], triangles: &[[u32; 3]]) -> Result<Vec<[u32; 3]>, MeshFlaw> {
-    let place = |point: u32| -> [f64; 3] { points_m[point as usize].into() };
-    let mut passed = HashMap::with_capacity(3 * triangles.len());
-    for (number, corners) in triangles.iter().enumerate() {
-        for side in 0..3 {
-            let (from, to) = (corners[side], corners[(side + 1) % 3]);
-            if let Some(other) = passed.insert((from, to), number) {
-                return Err(MeshFlaw::Turned {
-                    one: other,
-                    other: number,
-                    from_m: place(from),
-                    to_m: place(to),
-                });
-            }
-        }
-    }
-    let mut across = vec![[0; 3]; triangles.len()];
-    for (number, corners) in triangles.iter().enumerate() {
-        for side in 0..3 {
-            let (from, to) = (corners[side], corners[(side + 1) % 3]);
-            let Some(other) = passed.get(&(to, from)) else {
-                return Err(MeshFlaw::Open {
-                    triangle: number,
-                    from_m: place(from),
-                    to_m: place(to),
-                });
-            };
-            across[number][side] = *other as u32;
-        }
-    }
-    Ok(across)
-}
-
-/// Whether the triangles at each point are all met on one way around it.
-fn check_fans(
-    points_m: &[Vector3<f64>],
-    triangles: &[[u32; 3]],
-    across: &[[u32; 3]],
-) -> Result<(), MeshFlaw> {
-    let mut count = vec![0u32; points_m.len()];
-    let mut some = vec![0; points_m.len()];
-    for (number, corners) in triangles.iter().enumerate() {
-        for corner in corners {
-            count[*corner as usize] += 1;
-            some[*corner as usize] = number;
-        }
-    }
-    for (point, (count, first)) in count.into_iter().zip(some).enumerate() {
-        let (mut here, mut met) = (first, 0);
-        while met < count {
-            let corners = triangles[here].iter();
-            let Some(corner) = corners.clone().position(|at| *at as usize == point) else {
-                break;
-            };
-            here = across[here][corner] as usize;
-            met += 1;
-            if here == first {
-                break;
-            }
-        }
-        if met != count {
-            return Err(MeshFlaw::Pinched {
-                at_m: points_m[point].into(),
-            });
-        }
-    }
-    Ok(())
 }
 
 /// Sums of the normals of the triangles at each point, weighted by their angles there.

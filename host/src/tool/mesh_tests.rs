@@ -1,7 +1,7 @@
 //! Closed meshes: what is none is told, the deepest place, and STL files good and bad.
 
-use super::closed_mesh::{ClosedMesh, MOST_TRIANGLES, MeshFlaw};
-use super::read_stl;
+use super::closed_mesh::{ClosedMesh, MOST_TRIANGLES};
+use crate::mesh::{SurfaceFlaw, SurfaceFormat};
 use nalgebra::Vector3;
 
 const BRACKET: &[u8] = include_bytes!("../../../tests/data/bracket.stl");
@@ -19,7 +19,11 @@ fn tetrahedron() -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
     (points, triangles)
 }
 
-fn flaw(change: impl FnOnce(&mut Vec<[f64; 3]>, &mut Vec<[u32; 3]>)) -> MeshFlaw {
+fn read_stl(bytes: &[u8], scale_to_m: f64) -> Result<ClosedMesh, SurfaceFlaw> {
+    ClosedMesh::read(SurfaceFormat::Stl, bytes, scale_to_m)
+}
+
+fn flaw(change: impl FnOnce(&mut Vec<[f64; 3]>, &mut Vec<[u32; 3]>)) -> SurfaceFlaw {
     let (mut points, mut triangles) = tetrahedron();
     change(&mut points, &mut triangles);
     ClosedMesh::new(&points, &triangles).expect_err("a flaw")
@@ -29,31 +33,36 @@ fn flaw(change: impl FnOnce(&mut Vec<[f64; 3]>, &mut Vec<[u32; 3]>)) -> MeshFlaw
 fn what_is_no_closed_surface_is_told_with_its_place() {
     let (points, triangles) = tetrahedron();
     assert!(ClosedMesh::new(&points, &triangles).is_ok());
-    assert_eq!(flaw(|_, triangles| triangles.clear()), MeshFlaw::Empty);
+    assert_eq!(flaw(|_, triangles| triangles.clear()), SurfaceFlaw::Empty);
     let many =
         |_: &mut Vec<_>, triangles: &mut Vec<_>| triangles.resize(MOST_TRIANGLES + 1, [0; 3]);
-    assert_eq!(flaw(many), MeshFlaw::TooMany);
+    let too_many = SurfaceFlaw::TooMany {
+        triangles: MOST_TRIANGLES + 1,
+        most: MOST_TRIANGLES,
+    };
+    assert_eq!(flaw(many), too_many);
     let open = flaw(|_, triangles| {
         triangles.pop();
     });
     assert_eq!(
         open,
-        MeshFlaw::Open {
-            triangle: 0,
+        SurfaceFlaw::Open {
+            face: 0,
             from_m: [0.0, 1.0, 0.0],
-            to_m: [1.0, 0.0, 0.0]
+            to_m: [1.0, 0.0, 0.0],
+            edges: 3
         }
     );
     let turned = flaw(|_, triangles| triangles[3].reverse());
     assert!(
-        matches!(turned, MeshFlaw::Turned { other: 3, .. }),
+        matches!(turned, SurfaceFlaw::Turned { other: 3, .. }),
         "{turned}"
     );
     let twice = flaw(|_, triangles| triangles.push([1, 2, 3]));
     assert!(
         matches!(
             twice,
-            MeshFlaw::Turned {
+            SurfaceFlaw::Turned {
                 one: 3,
                 other: 4,
                 ..
@@ -62,23 +71,23 @@ fn what_is_no_closed_surface_is_told_with_its_place() {
         "{twice}"
     );
     let nowhere = flaw(|points, _| points[2][1] = f64::NAN);
-    assert_eq!(nowhere, MeshFlaw::NotFinite { triangle: 0 });
+    assert_eq!(nowhere, SurfaceFlaw::NotFinite { face: 0 });
     let far = flaw(|points, _| points[3][1] = 1e200);
-    assert_eq!(far, MeshFlaw::NotFinite { triangle: 1 });
+    assert_eq!(far, SurfaceFlaw::NotFinite { face: 1 });
     let flat = flaw(|points, _| points[3] = [0.5, 0.0, 0.0]);
     assert!(
-        matches!(flat, MeshFlaw::NoArea { triangle: 1, .. }),
+        matches!(flat, SurfaceFlaw::NoArea { face: 1, .. }),
         "{flat}"
     );
     let missing = flaw(|_, triangles| triangles[2][1] = 4);
-    let expected = MeshFlaw::NoPoint {
-        triangle: 2,
+    let expected = SurfaceFlaw::NoPoint {
+        face: 2,
         corner: 4,
         points: 4,
     };
     assert_eq!(missing, expected);
     let inside_out = flaw(|_, triangles| triangles.iter_mut().for_each(|own| own.reverse()));
-    assert!(matches!(inside_out, MeshFlaw::InsideOut { .. }));
+    assert!(matches!(inside_out, SurfaceFlaw::InsideOut { .. }));
     // A second one that has but the first's tip, and one that has nothing of it.
     let second = |points: &mut Vec<[f64; 3]>, triangles: &mut Vec<[u32; 3]>, first: u32| {
         let (more, others) = tetrahedron();
@@ -91,7 +100,9 @@ fn what_is_no_closed_surface_is_told_with_its_place() {
         second(points, triangles, 3);
         points[3] = [1.0; 3];
     });
-    assert_eq!(pinched, MeshFlaw::Pinched { at_m: [1.0; 3] });
+    let at_m = [1.0; 3];
+    let (one, other) = (1, 4);
+    assert_eq!(pinched, SurfaceFlaw::Pinched { one, other, at_m });
     let (mut points, mut triangles) = tetrahedron();
     second(&mut points, &mut triangles, 4);
     assert!(ClosedMesh::new(&points, &triangles).is_ok());
@@ -153,10 +164,10 @@ fn garbage_is_told_and_breaks_nothing() {
     for count in [u32::MAX, 20_001, 257] {
         giant[80..84].copy_from_slice(&count.to_le_bytes());
         let flaw = read_stl(&giant, 0.001).expect_err("too few");
-        assert!(matches!(flaw, MeshFlaw::Garbled(_)), "{flaw}");
+        assert!(matches!(flaw, SurfaceFlaw::File(_)), "{flaw}");
     }
     giant[80..84].copy_from_slice(&0u32.to_le_bytes());
-    assert_eq!(read_stl(&giant, 0.001), Err(MeshFlaw::Empty));
+    assert_eq!(read_stl(&giant, 0.001), Err(SurfaceFlaw::Empty));
     let rng = &mut fastrand::Rng::with_seed(13);
     let mut refused = 0;
     for round in 0..2000 {

@@ -5,15 +5,16 @@ use super::jacobian::compare_jacobians;
 use nalgebra::{Matrix6, UnitQuaternion, Vector3};
 use std::path::PathBuf;
 use std::sync::Arc;
+use sutura_host::mesh::SurfaceFormat;
 use sutura_host::step::{State, Status};
-use sutura_host::tool::{ClosedMesh, Shape, Tool, read_stl};
+use sutura_host::tool::{ClosedMesh, Shape, Tool};
 
 /// One of the files in tests/data, whose unit is `scale_to_m`, larger by `fillet_m` all around.
 fn from_file(name: &str, scale_to_m: f64, fillet_m: f64) -> Shape {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/data");
     let bytes = std::fs::read(path.join(name)).expect("the file");
     Shape::Mesh {
-        mesh: Arc::new(read_stl(&bytes, scale_to_m).expect("closed")),
+        mesh: Arc::new(ClosedMesh::read(SurfaceFormat::Stl, &bytes, scale_to_m).expect("closed")),
         fillet_m,
     }
 }

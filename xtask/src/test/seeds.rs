@@ -1,5 +1,6 @@
 //! Which cases the property tests draw: the same every time, or fresh ones. Entry point: [`Cases`].
 
+use crate::mesher;
 use crate::run::Tool;
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -63,7 +64,15 @@ impl Cases {
             Some(seed) => tool.env(SEED, seed.to_string()),
             None => tool,
         };
-        if self.full { tool.env(FULL, "1") } else { tool }
+        if !self.full {
+            return tool;
+        }
+        // Where cargo does not say where it builds nothing is there to be found.
+        let tool = match mesher::on_path() {
+            Ok(path) => tool.env("PATH", path),
+            Err(_) => tool,
+        };
+        tool.env(FULL, "1")
     }
 }
 

@@ -4,29 +4,34 @@
 //! from the number of nodes by a few runs.
 
 use super::{
-    Hint, QUICK_NODES, Times, bad, format_of, hints, measure, print_text, print_times, write,
+    Hint, QUICK_NODES, Times, bad, format_of, hints, measure, never_over_itself, print_text,
+    print_times, write,
 };
 use crate::failure::{Cause, Failure};
 use crate::{Format, Global, display, files};
 use clap::Args;
-use nalgebra::Vector3;
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use sutura_host::mesh::{MeshReport, RawMesh, read_raw_mesh};
-use sutura_host::tool::{ClosedMesh, MeshFlaw, read_stl};
+use sutura_host::mesh::{
+    MeshError, MeshReport, RawMesh, Repaired, SurfaceFlaw, SurfaceFormat, TriangleMesh,
+    read_raw_mesh,
+};
+use sutura_host::tool::crossing;
 
 /// The number of nodes counts as met within this part of it.
 const CLOSE: f64 = 0.1;
 /// Runs of gmsh at most: the number of nodes goes with the size of cells almost as the cube, three are mostly enough.
 const MOST_RUNS: u32 = 8;
+/// gmsh works in millimetres \[m\]: its tolerances are made for numbers about 1.
+const MM: f64 = 0.001;
 
 /// Arguments of `sutura mesh fill`.
 #[derive(Args, Debug)]
 pub struct FillArgs {
-    /// Closed surface, .stl, binary or ASCII.
+    /// Closed surface: .stl, .obj or .ply, binary or ASCII.
     surface: PathBuf,
     /// About how many nodes the mesh is to have.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(20..=1_000_000))]
@@ -51,8 +56,10 @@ pub struct Filled {
     file: String,
     /// The new file.
     out: String,
-    /// Triangles of the surface.
+    /// Triangles of the surface, repaired.
     triangles: usize,
+    /// What was put right of it.
+    repaired: Repaired,
     /// How many nodes were asked for.
     wanted_nodes: u32,
     /// How often gmsh ran.
@@ -73,10 +80,12 @@ pub struct Filled {
 /// Bad input: a surface that is not closed, crosses itself, or cannot be read; failed: gmsh is not there, or does not do it.
 pub fn fill(args: &FillArgs, global: &Global) -> Result<(), Failure> {
     let format = format_of(&args.out)?;
+    never_over_itself(&args.surface, &args.out)?;
     files::free(&args.out, global)?;
-    let (bytes, surface) = read_surface(&args.surface, args.scale)?;
-    let found = search(&bytes, &surface, args)?;
-    let report = MeshReport::of(&found.mesh).map_err(|error| bad(&args.surface, &error))?;
+    let (surface, repaired) = read_surface(&args.surface, args.scale)?;
+    let found = search(&surface, args)?;
+    let mut report = MeshReport::of(&found.mesh).map_err(|error| bad(&args.surface, &error))?;
+    report.notes.splice(0..0, notes(&repaired));
     write(&found.mesh, &args.out, format)?;
     if let Some(refusal) = &report.refusal {
         tracing::warn!("scenes will refuse this mesh: {refusal}");
@@ -103,7 +112,8 @@ pub fn fill(args: &FillArgs, global: &Global) -> Result<(), Failure> {
             status: "ok",
             file: args.surface.display().to_string(),
             out: args.out.display().to_string(),
-            triangles: surface.triangles().len(),
+            triangles: surface.triangles.len(),
+            repaired,
             wanted_nodes: args.nodes,
             runs: found.runs,
             wanted_edge_m: found.edge_m,
@@ -122,98 +132,96 @@ pub fn fill(args: &FillArgs, global: &Global) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The file's bytes, and the surface in metres.
-fn read_surface(path: &Path, scale: f64) -> Result<(Vec<u8>, ClosedMesh), Failure> {
+/// The surface in metres, repaired where there is one way to do it, and what that did.
+fn read_surface(path: &Path, scale: f64) -> Result<(TriangleMesh, Repaired), Failure> {
     let refuse = |message: String, help: &str| Failure::say(Cause::BadInput, message, help);
-    if !(scale.is_finite() && scale > 0.0) {
-        let message = format!("the scale to metres is {scale}");
-        return Err(refuse(message, "it must be finite and above zero"));
-    }
-    if path
-        .extension()
-        .is_none_or(|e| !e.eq_ignore_ascii_case("stl"))
-    {
-        let message = format!("{}: surfaces are read from .stl files", path.display());
-        return Err(refuse(
-            message,
-            "write it as STL: meshio convert part.ply part.stl, or by the program that made it",
-        ));
-    }
+    let format = SurfaceFormat::of(path).map_err(|error| {
+        let help = "write it as one of these: meshio convert part.off part.ply, or by the program that made it";
+        refuse(error.to_string(), help)
+    })?;
     let bytes = std::fs::read(path).map_err(|error| {
         let message = format!("cannot read {}: {error}", path.display());
         refuse(message, "name a surface: sutura mesh fill --help")
     })?;
-    let surface = read_stl(&bytes, scale).map_err(|flaw| {
-        let message = format!("{}: {flaw}", path.display());
-        let next = match flaw {
-            MeshFlaw::TooMany => "take fewer triangles: MeshLab's \"Quadric Edge Collapse Decimation\", or a coarser mask",
-            _ => "mend the surface there: MeshLab's \"Close Holes\" and \"Re-Orient all faces\" do most",
-        };
-        refuse(message, next)
-    })?;
+    let flawed =
+        |flaw: SurfaceFlaw| refuse(format!("{}: {flaw}", path.display()), next_step(&flaw));
+    let read = format.read(&bytes, scale);
+    let mut surface = read.map_err(|error| flawed(error.into()))?;
+    let repaired = surface.repair().map_err(flawed)?;
     if let Some([one, other]) = crossing(&surface) {
-        let corner = surface.triangles()[one][0];
-        let [x, y, z]: [f64; 3] = surface.points_m()[corner as usize].into();
+        let corner = surface.triangles[one][0];
+        let [x, y, z] = surface.points_m[corner as usize];
         let message = format!(
-            "{}: triangles {one} and {other} cross each other at about [{x:.6}, {y:.6}, {z:.6}] m",
-            path.display()
+            "{}: faces {} and {} cross each other at about [{x:.6}, {y:.6}, {z:.6}] m",
+            path.display(),
+            surface.face(one),
+            surface.face(other)
         );
         return Err(refuse(
             message,
             "join the parts that cross before: MeshLab's \"Mesh Boolean: Union\", or a mask that has no such place",
         ));
     }
-    Ok((bytes, surface))
+    Ok((surface, repaired))
 }
 
-/// Two triangles of which an edge of one goes through the other, counted from 0. Those in one plane are left to gmsh.
-fn crossing(surface: &ClosedMesh) -> Option<[usize; 2]> {
-    let corners = |triangle: usize| {
-        surface.triangles()[triangle].map(|point| surface.points_m()[point as usize])
-    };
-    let bounds: Vec<_> = (0..surface.triangles().len())
-        .map(|triangle| {
-            let [a, b, c] = corners(triangle);
-            (a.inf(&b).inf(&c), a.sup(&b).sup(&c))
-        })
-        .collect();
-    // A sweep along x: only those whose boxes overlap there are compared.
-    let mut order: Vec<usize> = (0..bounds.len()).collect();
-    order.sort_by(|a, b| bounds[*a].0.x.total_cmp(&bounds[*b].0.x));
-    for (place, &one) in order.iter().enumerate() {
-        let (low, high) = bounds[one];
-        let near = order[place + 1..].iter();
-        for &other in near.take_while(|other| bounds[**other].0.x <= high.x) {
-            let (other_low, other_high) = bounds[other];
-            let apart = (1..3).any(|k| low[k] > other_high[k] || other_low[k] > high[k]);
-            if apart {
-                continue;
-            }
-            let names = [one, other].map(|triangle| surface.triangles()[triangle]);
-            let goes_through = |edges: [u32; 3], face: [u32; 3]| {
-                let at = |point: u32| surface.points_m()[point as usize];
-                (0..3).any(|k| {
-                    let (from, to) = (edges[k], edges[(k + 1) % 3]);
-                    let has_common = face.contains(&from) || face.contains(&to);
-                    !has_common && cuts(at(from), at(to), face.map(at))
-                })
-            };
-            if goes_through(names[0], names[1]) || goes_through(names[1], names[0]) {
-                return Some([one.min(other), one.max(other)]);
-            }
+/// What to do about a surface that is not repaired here.
+fn next_step(flaw: &SurfaceFlaw) -> &'static str {
+    match flaw {
+        SurfaceFlaw::File(MeshError::Scale(_)) => {
+            "--scale takes metres per unit of the file: 0.001 for millimetres"
         }
+        SurfaceFlaw::File(_) => {
+            "mend the file at that place, or write it again with the program that made it"
+        }
+        SurfaceFlaw::Open { .. } => {
+            "close it: MeshLab's \"Close Holes\"; a surface by marching cubes needs a margin of one voxel around the mask"
+        }
+        SurfaceFlaw::Crowded { .. } | SurfaceFlaw::Pinched { .. } => {
+            "part it there: MeshLab's \"Repair non Manifold Edges\" and \"Split Vertices Incident on Non Manifold Faces\"; or smooth the mask a little"
+        }
+        SurfaceFlaw::NoArea { .. } => {
+            "MeshLab's \"Remove T-Vertices\" takes faces without area away, and \"Isotropic Explicit Remeshing\" too"
+        }
+        _ => "mend the surface there, or make it again from its mask",
     }
-    None
 }
 
-/// Whether a line passes from one side of a triangle to the other within its edges, by the signs of volumes.
-fn cuts(from: Vector3<f64>, to: Vector3<f64>, [a, b, c]: [Vector3<f64>; 3]) -> bool {
-    let side = |p: Vector3<f64>, q: Vector3<f64>, r: Vector3<f64>, at: Vector3<f64>| {
-        (q - p).cross(&(r - p)).dot(&(at - p))
+/// What was put right, in words.
+fn notes(repaired: &Repaired) -> Vec<String> {
+    let said = |count: usize, one: &str, many: &str| match count {
+        0 => None,
+        1 => Some(format!("1 {one}")),
+        count => Some(format!("{count} {many}")),
     };
-    let ends = side(a, b, c, from) * side(a, b, c, to);
-    let around = [(a, b), (b, c), (c, a)].map(|(p, q)| side(from, to, p, q));
-    ends < 0.0 && (around.iter().all(|x| *x > 0.0) || around.iter().all(|x| *x < 0.0))
+    let notes = [
+        said(
+            repaired.welded_points,
+            "point lay on another and is one with it",
+            "points lay on others and are one with them",
+        ),
+        said(
+            repaired.dropped_triangles,
+            "triangle dropped: two corners at one place, or there a second time",
+            "triangles dropped: two corners at one place, or there a second time",
+        ),
+        said(
+            repaired.turned_triangles,
+            "triangle turned over, to look outwards",
+            "triangles turned over, to look outwards",
+        ),
+        said(
+            repaired.hollows,
+            "part lies inside another: a hollow",
+            "parts lie inside others: hollows",
+        ),
+        said(
+            repaired.parts.saturating_sub(repaired.hollows + 1),
+            "part more that hangs together with nothing: filled, too; crumbs of a mask go with skimage.measure.label",
+            "parts more that hang together with nothing: filled, too; crumbs of a mask go with skimage.measure.label",
+        ),
+    ];
+    notes.into_iter().flatten().collect()
 }
 
 struct Found {
@@ -223,21 +231,21 @@ struct Found {
 }
 
 /// Runs gmsh with one size of cells after the other until the number of nodes is near; the nearest of them.
-fn search(bytes: &[u8], surface: &ClosedMesh, args: &FillArgs) -> Result<Found, Failure> {
+fn search(surface: &TriangleMesh, args: &FillArgs) -> Result<Found, Failure> {
     let failed = |error: std::io::Error| {
         let help = "the folder for temporary files has to be there, and yours";
         Failure::say(Cause::Failed, format!("no place to work in: {error}"), help)
     };
     let folder = tempfile::tempdir().map_err(failed)?;
-    std::fs::write(folder.path().join("surface.stl"), bytes).map_err(failed)?;
+    std::fs::write(folder.path().join("surface.stl"), stl(surface)).map_err(failed)?;
     let wanted = f64::from(args.nodes);
     // A regular tetrahedron has the volume of its edge cubed over the root of 72; a mesh has some five cells a node.
-    let mut edge_m = (volume_m3(surface) * 72f64.sqrt() / (5.0 * wanted)).cbrt();
+    let mut edge_m = (surface.volume_m3() * 72f64.sqrt() / (5.0 * wanted)).cbrt();
     // Sizes known to give too many nodes, and too few.
     let (mut fine, mut coarse) = (0.0f64, f64::INFINITY);
     let mut nearest: Option<(f64, Found)> = None;
     for runs in 1..=MOST_RUNS {
-        let mesh = run_gmsh(folder.path(), edge_m, args.scale)?;
+        let mesh = run_gmsh(folder.path(), edge_m)?;
         let ratio = mesh.points_m.len() as f64 / wanted;
         tracing::info!(
             "edges of {:.3} mm: {} nodes",
@@ -269,19 +277,26 @@ fn search(bytes: &[u8], surface: &ClosedMesh, args: &FillArgs) -> Result<Found, 
     nearest.map(|(_, found)| found).ok_or_else(nothing)
 }
 
-fn volume_m3(surface: &ClosedMesh) -> f64 {
-    let six_fold = surface.triangles().iter().map(|triangle| {
-        let [a, b, c] = triangle.map(|point| surface.points_m()[point as usize]);
-        a.dot(&b.cross(&c))
-    });
-    six_fold.sum::<f64>() / 6.0
+/// The surface as a binary STL file in millimetres: what came as 32 bits in these goes out as it came.
+fn stl(surface: &TriangleMesh) -> Vec<u8> {
+    let mut bytes = vec![0; 80];
+    bytes.extend((surface.triangles.len() as u32).to_le_bytes());
+    for corners in &surface.triangles {
+        bytes.extend([0; 12]);
+        let numbers = corners
+            .iter()
+            .flat_map(|point| surface.points_m[*point as usize]);
+        bytes.extend(numbers.flat_map(|x| ((x / MM) as f32).to_le_bytes()));
+        bytes.extend([0; 2]);
+    }
+    bytes
 }
 
 /// One mesh, in metres, of cells with edges of about this length. The surface is meshed anew: that of a segmentation has
 /// steps of its voxels, and never the size that is wanted. Edges sharper than 85 degrees stay: the steps of marching cubes
 /// are of 45 to 70, and as edges of patches they are more than gmsh can flatten.
-fn run_gmsh(folder: &Path, edge_m: f64, scale: f64) -> Result<RawMesh, Failure> {
-    let edge = edge_m / scale;
+fn run_gmsh(folder: &Path, edge_m: f64) -> Result<RawMesh, Failure> {
+    let edge = edge_m / MM;
     let script = format!(
         "h = {edge:e};\n\
          Merge \"surface.stl\";\n\
@@ -337,7 +352,7 @@ fn run_gmsh(folder: &Path, edge_m: f64, scale: f64) -> Result<RawMesh, Failure> 
             "smooth and simplify the surface, or ask for more nodes: it is narrower somewhere than cells of this size",
         ));
     }
-    let mesh = read_raw_mesh(&filled, scale).map_err(|error| {
+    let mesh = read_raw_mesh(&filled, MM).map_err(|error| {
         let help = "gmsh 4.8 or later is needed; gmsh --version says which there is";
         said(format!("what gmsh wrote cannot be read: {error}"), help)
     })?;

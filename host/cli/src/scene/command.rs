@@ -94,6 +94,7 @@ pub fn run(args: &SceneArgs, global: &Global) -> Result<(), Failure> {
 fn check(path: &Path, global: &Global) -> Result<(), Failure> {
     let shown = crate::work::watch();
     let mut scene = scene::load(path)?;
+    scene.notes.append(&mut scene.mesh_notes);
     let said = [&mut scene.warnings, &mut scene.notes].map(std::mem::take);
     let [warnings, notes] = said
         .each_ref()

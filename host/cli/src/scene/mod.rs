@@ -69,10 +69,13 @@ pub fn without_session(scene: &mut Scene) {
     }
 }
 
-/// A loaded scene; its warnings are shown.
+/// A loaded scene; its warnings, and what its mesh's reader says, are shown.
 fn show(mut scene: Scene) -> Scene {
     for warning in scene.warnings.drain(..) {
         render(&Report::new(warning));
+    }
+    for said in scene.mesh_notes.drain(..) {
+        note!("{said}");
     }
     tracing::info!(
         "scene \"{}\": {} nodes, {} cells, {} tools, {} handles",

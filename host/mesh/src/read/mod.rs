@@ -15,6 +15,7 @@ mod vtu;
 pub use msh::{read_msh, read_msh_raw};
 
 pub(crate) use gather::keep_nodes;
+pub(crate) use scan::{Coding, Endian, Kind, Number, Scan};
 
 use super::{MeshError, RawMesh, TetMesh};
 use std::io;

@@ -10,14 +10,14 @@ const SHOWN: usize = 60;
 
 /// Order of the bytes of a number.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Endian {
+pub(crate) enum Endian {
     Little,
     Big,
 }
 
 /// How numbers stand in a file.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Coding {
+pub(crate) enum Coding {
     /// As text, a record in a line.
     Lines,
     /// As text, wherever lines end.
@@ -28,7 +28,7 @@ pub(super) enum Coding {
 
 /// A type of numbers in a binary file.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Kind {
+pub(crate) enum Kind {
     I8,
     U8,
     I16,
@@ -43,7 +43,7 @@ pub(super) enum Kind {
 
 /// A number of a file.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Number {
+pub(crate) enum Number {
     Whole(i128),
     Real(f64),
 }
@@ -114,7 +114,7 @@ impl Number {
 
 /// A file and the place in it.
 #[derive(Clone)]
-pub(super) struct Scan<'a> {
+pub(crate) struct Scan<'a> {
     bytes: &'a [u8],
     at: usize,
     /// The current line, from 1, and where it begins.

@@ -1,0 +1,470 @@
+//! Surfaces: one box in every format, what is put right of it, and what is refused with its face.
+
+use super::*;
+use std::fmt::Write;
+
+/// Sides of a box by its corners, corner k at (k & 1, k >> 1 & 1, k >> 2), counter-clockwise seen from outside.
+const SIDES: [[u32; 4]; 6] = [
+    [0, 2, 3, 1],
+    [4, 5, 7, 6],
+    [0, 1, 5, 4],
+    [2, 6, 7, 3],
+    [0, 4, 6, 2],
+    [1, 3, 7, 5],
+];
+
+fn corner(k: u32) -> [f64; 3] {
+    [0, 1, 2].map(|axis| f64::from((k >> axis) & 1))
+}
+
+/// A box of this size from `low` on.
+fn cuboid(low: f64, size: f64) -> TriangleMesh {
+    let points_m = (0..8).map(|k| corner(k).map(|x| low + size * x)).collect();
+    let halves = SIDES
+        .iter()
+        .flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]);
+    TriangleMesh::new(points_m, halves.collect())
+}
+
+/// Both beside each other, not joined.
+fn both(mut one: TriangleMesh, other: &TriangleMesh) -> TriangleMesh {
+    let first = one.points_m.len() as u32;
+    one.points_m.extend(&other.points_m);
+    let more = other
+        .triangles
+        .iter()
+        .map(|own| own.map(|point| point + first));
+    one.triangles.extend(more);
+    one
+}
+
+/// The unit box by its triangles, under the first line `solid`.
+fn ascii(first: &str) -> String {
+    let mut text = format!("{first}\n");
+    let unit = cuboid(0.0, 1.0);
+    for triangle in &unit.triangles {
+        text.push_str("  facet normal 0 0 0\n    outer loop\n");
+        for point in triangle {
+            let [x, y, z] = unit.points_m[*point as usize];
+            let _ = writeln!(text, "      vertex {x:e} {y} {z:.3}");
+        }
+        text.push_str("    endloop\n  endfacet\n");
+    }
+    text + "endsolid\n"
+}
+
+fn binary(title: &[u8]) -> Vec<u8> {
+    let unit = cuboid(0.0, 1.0);
+    let mut bytes = title.to_vec();
+    bytes.resize(80, b' ');
+    bytes.extend((unit.triangles.len() as u32).to_le_bytes());
+    for triangle in &unit.triangles {
+        // A normal that is no zero: no byte of the file need be.
+        bytes.extend([1.5f32, 2.5, 3.5].iter().flat_map(|x| x.to_le_bytes()));
+        let numbers = triangle
+            .iter()
+            .flat_map(|point| unit.points_m[*point as usize]);
+        bytes.extend(numbers.flat_map(|x| (x as f32).to_le_bytes()));
+        bytes.extend([7; 2]);
+    }
+    bytes
+}
+
+/// What is inside, of a surface that is closed \[m^3\].
+fn volume(surface: &TriangleMesh) -> f64 {
+    surface.check().expect("closed");
+    surface.volume_m3()
+}
+
+#[test]
+fn an_stl_is_told_by_its_size_and_not_by_its_first_word() {
+    let read = |bytes: &[u8]| SurfaceFormat::Stl.read(bytes, 2.0);
+    let whole = read(ascii("solid box").as_bytes()).expect("ASCII");
+    assert_eq!((whole.points_m.len(), volume(&whole)), (8, 8.0));
+    for first in ["solid", "solid ", "SOLID x", "\n  solid\tx", "solid binary"] {
+        let same = read(ascii(first).as_bytes());
+        assert_eq!(same, Ok(whole.clone()), "{first:?}");
+    }
+    let shouted = ascii("solid").to_uppercase().replace('\n', "\r\n");
+    assert_eq!(read(shouted.as_bytes()), Ok(whole.clone()));
+    for title in ["solid", "solid facet normal", "made by hand", ""] {
+        assert_eq!(
+            read(&binary(title.as_bytes())),
+            Ok(whole.clone()),
+            "{title}"
+        );
+    }
+    // More than the count says is no part of it.
+    let longer = [binary(b"made by hand"), vec![b'x'; 9]].concat();
+    assert_eq!(read(&longer), Ok(whole.clone()));
+    // Two solids in a file: two boxes on each other.
+    let twice = ascii("solid one") + &ascii("solid");
+    assert_eq!(
+        read(twice.as_bytes()).map(|two| two.triangles.len()),
+        Ok(24)
+    );
+}
+
+#[test]
+fn what_is_no_stl_is_told_with_its_line_or_byte() {
+    let told = |bytes: &[u8]| {
+        SurfaceFormat::Stl
+            .read(bytes, 1.0)
+            .expect_err("bad")
+            .to_string()
+    };
+    let text = ascii("solid");
+    let word = told(text.replace("vertex 1e0", "vertex one").as_bytes());
+    assert!(
+        word.contains("three coordinates, found `one`") && word.starts_with("line "),
+        "{word}"
+    );
+    let cut = told(&text.as_bytes()[..text.len() / 2]);
+    assert!(cut.contains("is it cut off?"), "{cut}");
+    let whole = binary(b"solid");
+    let cut = told(&whole[..whole.len() - 1]);
+    assert!(cut.contains("50 bytes for each of 12 triangles"), "{cut}");
+    let short = told(b"no surface");
+    assert!(
+        short.contains("expected an STL file") && short.contains("`no surface`"),
+        "{short}"
+    );
+    let scale = SurfaceFormat::Stl.read(&whole, 0.0).expect_err("zero");
+    assert_eq!(scale, MeshError::Scale(0.0));
+}
+
+/// Quads, corners by number with those of textures and normals, and from the last one back.
+#[test]
+fn an_obj_has_polygons() {
+    let mut text = String::from("# a box\nmtllib box.mtl\no box\n");
+    for k in 0..8 {
+        let [x, y, z] = corner(k);
+        let _ = writeln!(text, "v {x} {y} {z} 1.0\nvn 0 0 1\nvt 0 0");
+    }
+    for [a, b, c, d] in SIDES {
+        let _ = match a {
+            0 => writeln!(
+                text,
+                "f {}/1/1 {}//2 \\\n  {}/3 {}",
+                a + 1,
+                b + 1,
+                c + 1,
+                d + 1
+            ),
+            _ => writeln!(text, "f -{} -{} -{} -{}", 8 - a, 8 - b, 8 - c, 8 - d),
+        };
+    }
+    let surface = SurfaceFormat::Obj
+        .read(text.as_bytes(), 1.0)
+        .expect("a box");
+    assert_eq!(surface.triangles, cuboid(0.0, 1.0).triangles);
+    assert_eq!((volume(&surface), surface.face(11)), (1.0, 5));
+    let told = |line: &str| {
+        let error = SurfaceFormat::Obj.read(format!("{text}{line}\n").as_bytes(), 1.0);
+        error.expect_err("bad").to_string()
+    };
+    for line in ["f 1 2 9", "f 0 1 2", "f 1 2 -9", "f 1 2 x"] {
+        let error = told(line);
+        assert!(
+            error.starts_with("line 37") && error.contains("8 vertices so far"),
+            "{error}"
+        );
+    }
+    assert!(told("f 1 2").contains("a face of 3 to 1000 corners, found `2`"));
+    assert!(told("v 1 2").contains("three coordinates"));
+    assert!(told("\u{1}").contains("a keyword such as v or f"));
+}
+
+/// A box with colours, a list beside that of the corners, and edges, in each coding.
+fn ply(coding: &str) -> Vec<u8> {
+    let head = format!(
+        "ply\r\nformat {coding} 1.0\ncomment made by hand\nelement vertex 8\nproperty uchar red\nproperty double x\n\
+         property float y\nproperty float z\nelement face 6\nproperty list uchar float texcoord\n\
+         property list uchar int vertex_indices\nelement edge 1\nproperty int vertex1\nend_header\n"
+    );
+    let mut bytes = head.replace('\r', "").into_bytes();
+    let put = |bytes: &mut Vec<u8>, value: f64, size: usize, real: bool| {
+        let little = match (real, size) {
+            (true, 8) => value.to_le_bytes().to_vec(),
+            (true, _) => (value as f32).to_le_bytes().to_vec(),
+            (false, size) => (value as i64).to_le_bytes()[..size].to_vec(),
+        };
+        match coding {
+            "ascii" => bytes.extend(format!("{value} ").bytes()),
+            "binary_little_endian" => bytes.extend(little),
+            _ => bytes.extend(little.iter().rev()),
+        }
+    };
+    for k in 0..8 {
+        let [x, y, z] = corner(k);
+        put(&mut bytes, 200.0, 1, false);
+        put(&mut bytes, x, 8, true);
+        put(&mut bytes, y, 4, true);
+        put(&mut bytes, z, 4, true);
+    }
+    for side in SIDES {
+        put(&mut bytes, 1.0, 1, false);
+        put(&mut bytes, 0.5, 4, true);
+        put(&mut bytes, 4.0, 1, false);
+        for point in side {
+            put(&mut bytes, f64::from(point), 4, false);
+        }
+    }
+    put(&mut bytes, 3.0, 4, false);
+    bytes
+}
+
+#[test]
+fn a_ply_is_read_as_text_and_in_both_orders_of_bytes() {
+    for coding in ["ascii", "binary_little_endian", "binary_big_endian"] {
+        let bytes = ply(coding);
+        let surface = SurfaceFormat::Ply.read(&bytes, 1.0).expect(coding);
+        assert_eq!(surface.triangles, cuboid(0.0, 1.0).triangles, "{coding}");
+        assert_eq!((volume(&surface), surface.face(11)), (1.0, 5), "{coding}");
+        // Ends anywhere but behind the last number's first digit.
+        for end in 0..bytes.len() - 2 {
+            assert!(
+                SurfaceFormat::Ply.read(&bytes[..end], 1.0).is_err(),
+                "{coding} {end}"
+            );
+        }
+    }
+    let text = String::from_utf8(ply("ascii")).expect("text");
+    let told = |from: &str, to: &str| {
+        let text = text.replace(from, to);
+        SurfaceFormat::Ply
+            .read(text.as_bytes(), 1.0)
+            .expect_err(to)
+            .to_string()
+    };
+    assert!(told("vertex_indices", "corners").contains("list vertex_indices"));
+    assert!(told("double x", "double u").contains("properties x, y and z"));
+    assert!(told("ascii", "utf8").contains("binary_big_endian"));
+    assert!(told("4 0 2 3 1", "4 0 2 3 8").contains("one of the 8 vertices, from 0"));
+    assert!(told("element face 6", "element face 99999999999").contains("is it cut off?"));
+    assert!(told("element face", "element strip").contains("no element face"));
+    assert!(told("format", "property int x\nformat").contains("an element first"));
+}
+
+/// An arrow's head, whose fan from the wrong corner would be larger than it is; and a square with a corner on a side.
+#[test]
+fn polygons_are_split_into_their_own_area() {
+    let area = |points_m: &[[f64; 3]]| -> f64 {
+        let corners: Vec<u32> = (0..points_m.len() as u32).collect();
+        let triangles = polygon::split(points_m, &corners);
+        assert_eq!(triangles.len(), corners.len() - 2);
+        let at = |point: u32| Vector3::from(points_m[point as usize]);
+        let areas = triangles
+            .iter()
+            .map(|&[a, b, c]| (at(b) - at(a)).cross(&(at(c) - at(a))).norm());
+        0.5 * areas.sum::<f64>()
+    };
+    let mut arrow = [
+        [0.0, 0.0, 5.0],
+        [2.0, -2.0, 5.0],
+        [1.0, 0.0, 5.0],
+        [2.0, 2.0, 5.0],
+    ];
+    for _ in 0..4 {
+        assert!((area(&arrow) - 2.0).abs() < 1e-12, "{arrow:?}");
+        arrow.rotate_left(1);
+    }
+    let mut square = [
+        [0.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [0.0, 2.0, 0.0],
+        [0.0, 2.0, 2.0],
+        [0.0, 0.0, 2.0],
+    ];
+    for _ in 0..5 {
+        assert!((area(&square) - 4.0).abs() < 1e-12, "{square:?}");
+        square.rotate_left(1);
+    }
+}
+
+/// Turned at random, with every triangle's points its own, some triangles twice and some without a third corner: the same box.
+#[test]
+fn what_can_be_put_right_in_one_way_is() {
+    let plain = cuboid(1.0, 2.0);
+    let mut points_m = Vec::new();
+    let mut triangles = Vec::new();
+    for (number, triangle) in plain.triangles.iter().enumerate() {
+        let first = points_m.len() as u32;
+        // Each a little beside the others.
+        let off = 1e-7 * (number % 3) as f64;
+        points_m.extend(triangle.map(|point| plain.points_m[point as usize].map(|x| x + off)));
+        triangles.push([first, first + 1, first + 2]);
+        if number % 2 == 0 {
+            triangles[number].swap(0, 1);
+        }
+    }
+    triangles.push([0, 1, 1]);
+    triangles.push([5, 3, 4]);
+    points_m.push([1e3; 3]);
+    let mut surface = TriangleMesh::new(points_m, triangles);
+    let repaired = surface.repair().expect("a box");
+    let expected = Repaired {
+        welded_points: 36 - 8,
+        dropped_triangles: 2,
+        turned_triangles: 6,
+        parts: 1,
+        hollows: 0,
+    };
+    assert_eq!(repaired, expected);
+    assert_eq!((surface.points_m.len(), surface.triangles.len()), (8, 12));
+    assert!((volume(&surface) - 8.0).abs() < 1e-5);
+    // Sound already: nothing is done, and but for the order of its points nothing is changed.
+    let nothing = Repaired {
+        parts: 1,
+        ..Repaired::default()
+    };
+    assert_eq!(surface.repair(), Ok(nothing));
+    let mut again = surface.clone();
+    assert_eq!((again.repair(), again), (Ok(nothing), surface));
+    let mut inside_out = plain.clone();
+    inside_out
+        .triangles
+        .iter_mut()
+        .for_each(|own| own.reverse());
+    assert_eq!(
+        inside_out.repair().map(|done| done.turned_triangles),
+        Ok(12)
+    );
+    assert!((volume(&inside_out) - 8.0).abs() < 1e-12);
+}
+
+/// A box in a box is a hollow, whichever way it looked; one in that is solid again; one beside them is a part of its own.
+#[test]
+fn parts_inside_others_are_hollows() {
+    let mut nested = both(cuboid(0.0, 10.0), &cuboid(1.0, 8.0));
+    nested = both(nested, &cuboid(2.0, 6.0));
+    nested = both(nested, &cuboid(20.0, 1.0));
+    for turned in 0..16 {
+        let mut surface = nested.clone();
+        for (number, triangle) in surface.triangles.iter_mut().enumerate() {
+            if turned >> (number / 12) & 1 == 1 {
+                triangle.swap(0, 2);
+            }
+        }
+        let repaired = surface.repair().expect("boxes");
+        assert_eq!((repaired.parts, repaired.hollows), (4, 1), "{turned}");
+        let expected = 1000.0 - 512.0 + 216.0 + 1.0;
+        assert!((volume(&surface) - expected).abs() < 1e-9, "{turned}");
+    }
+}
+
+#[test]
+fn what_others_have_to_mend_is_told_with_its_faces() {
+    let refused = |change: &dyn Fn(&mut TriangleMesh)| {
+        let mut surface = cuboid(0.0, 2.0);
+        change(&mut surface);
+        surface.repair().expect_err("no solid")
+    };
+    let open = refused(&|surface| {
+        surface.triangles.remove(3);
+    });
+    assert!(matches!(open, SurfaceFlaw::Open { edges: 3, .. }), "{open}");
+    // A third triangle at the edge of the first and the second.
+    let crowded = refused(&|surface| {
+        surface.points_m.push([3.0; 3]);
+        surface.triangles.push([0, 3, 8]);
+    });
+    let SurfaceFlaw::Crowded { faces, .. } = crowded else {
+        panic!("{crowded}");
+    };
+    assert_eq!(faces, [0, 1, 12]);
+    let nowhere = refused(&|surface| surface.points_m[7][2] = f64::INFINITY);
+    assert_eq!(nowhere, SurfaceFlaw::NotFinite { face: 2 });
+    let flat = refused(&|surface| surface.points_m[1] = [1.0, 1.0, 0.0]);
+    assert!(
+        matches!(flat, SurfaceFlaw::NoArea { face: 1, .. }),
+        "{flat}"
+    );
+    assert_eq!(
+        refused(&|surface| surface.triangles.clear()),
+        SurfaceFlaw::Empty
+    );
+    // A torus whose one ring of squares is joined the wrong way round: Klein's bottle.
+    let (rings, sides) = (5u32, 6u32);
+    let klein = |i: u32, j: u32| {
+        let j = if i < rings {
+            j % sides
+        } else {
+            (2 * sides - j) % sides
+        };
+        (i % rings) * sides + j
+    };
+    let mut bottle = TriangleMesh::default();
+    for i in 0..rings {
+        for j in 0..sides {
+            bottle
+                .points_m
+                .push([f64::from(i), f64::from(j * j), f64::from(i * j)]);
+            let [a, b, c, d] = [
+                klein(i, j),
+                klein(i + 1, j),
+                klein(i + 1, j + 1),
+                klein(i, j + 1),
+            ];
+            bottle.triangles.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+    let one_sided = bottle.repair().expect_err("no outside");
+    assert!(
+        matches!(one_sided, SurfaceFlaw::OneSided { .. }),
+        "{one_sided}"
+    );
+    // Faces are counted as the file has them, two triangles each.
+    let text = String::from_utf8(ply("ascii")).expect("text");
+    let text = text
+        .replace("element face 6", "element face 5")
+        .replace("4 1 3 7 5 ", "");
+    let text = text.replacen("1 0.5 3 ", "3 ", 1);
+    let read = SurfaceFormat::Ply.read(text.as_bytes(), 1.0);
+    let open = read.expect("five sides").repair().expect_err("open");
+    assert!(
+        matches!(
+            open,
+            SurfaceFlaw::Open {
+                face: 0,
+                edges: 4,
+                ..
+            }
+        ),
+        "{open}"
+    );
+}
+
+/// Bytes changed at random end in an error or a surface, for each format.
+#[test]
+fn garbage_breaks_nothing() {
+    let text = |text: &str| text.as_bytes().to_vec();
+    let obj = text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n");
+    let mut seed = 0x2545_f491_4f6c_dd1du64;
+    let mut draw = |below: usize| {
+        seed ^= seed << 13;
+        seed ^= seed >> 7;
+        seed ^= seed << 17;
+        (seed % below as u64) as usize
+    };
+    let mut refused = 0;
+    for (format, whole) in [
+        (SurfaceFormat::Stl, text(&ascii("solid"))),
+        (SurfaceFormat::Stl, binary(b"solid")),
+        (SurfaceFormat::Obj, obj),
+        (SurfaceFormat::Ply, ply("ascii")),
+        (SurfaceFormat::Ply, ply("binary_little_endian")),
+        (SurfaceFormat::Ply, ply("binary_big_endian")),
+    ] {
+        for _ in 0..500 {
+            let mut bytes = whole.clone();
+            for _ in 0..1 + draw(6) {
+                let at = draw(bytes.len());
+                bytes[at] = draw(256) as u8;
+            }
+            let read = format.read(&bytes, 1.0).map_err(SurfaceFlaw::from);
+            refused += u32::from(read.and_then(|mut surface| surface.repair()).is_err());
+        }
+    }
+    assert!(refused > 1000, "{refused}");
+}
