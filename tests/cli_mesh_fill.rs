@@ -248,7 +248,7 @@ fn surfaces_that_cannot_be_filled_are_refused_by_their_triangles() {
         ("crossing.stl", ["faces 2 and 17 cross each other", "Union"]),
         (
             "fin.stl",
-            ["faces [0, 1, 12] meet in one edge", "Repair non Manifold"],
+            ["faces [0, 9, 12] meet in one edge", "Repair non Manifold"],
         ),
         ("part.off", ["part.off is no surface", "meshio convert"]),
         (
