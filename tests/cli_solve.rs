@@ -1,6 +1,6 @@
 //! `sutura solve` from end to end: against an independent solution, and files that others can read.
 
-use crate::support::{root, sutura};
+use crate::support::{root, sutura, sutura_in};
 use serde_json::Value;
 
 fn json(text: &str) -> Value {
@@ -132,4 +132,92 @@ fn the_summary_is_one_json_object_when_asked_for() {
     assert_eq!(summary["nodes"], 1520);
     assert_eq!(summary["cells"], 6502);
     assert_eq!(summary["reactions"][0]["name"], "side");
+}
+
+/// A bar under its weight, held at an end; `tissue` is what it is made of.
+const HANGS: &str = r#"
+gravity_m_per_s2 = [0.0, 0.0, -9.81]
+[mesh.slab]
+size_m = [0.04, 0.015, 0.015]
+divisions = [8, 3, 3]
+[[fixed]]
+plane = { axis = "x", at_m = -0.02 }
+[[fixed]]
+nodes = [0, 1]
+[tissue]
+poisson_ratio = 0.4
+density_kg_per_m3 = 1000.0
+"#;
+
+/// Linear tissue from a tenth of its size on, any other from its size on.
+#[test]
+fn tissue_that_sags_far_is_told_with_what_to_do() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let solved = |tissue: &str| {
+        std::fs::write(
+            directory.path().join("a.toml"),
+            format!("{HANGS}{tissue}\n"),
+        )
+        .expect("writable");
+        let arguments = [
+            "solve",
+            "a.toml",
+            "--out",
+            "a.json",
+            "--overwrite",
+            "--format",
+            "json",
+        ];
+        let ran = sutura_in(directory.path(), &arguments);
+        assert_eq!(ran.code, 0, "{}", ran.stderr);
+        // A terminal breaks lines.
+        let said = ran.stderr.split_whitespace().collect::<Vec<_>>().join(" ");
+        (ran.json(), said)
+    };
+    let (report, said) = solved("youngs_modulus_pa = 5e3");
+    for words in [
+        "sags by ",
+        "mm under its weight",
+        "% of its size of 40.0 mm",
+        "model = \"corotational\"",
+    ] {
+        assert!(said.contains(words), "no {words} in {said}");
+    }
+    // Its weight of 9 ml of water, whatever the sag.
+    let weight_n = 9.81 * 1000.0 * 0.04 * 0.015 * 0.015;
+    let held = vectors(&serde_json::json!([report["fixed_force_n"]]))[0];
+    assert!(
+        (held[2] / weight_n - 1.0).abs() < 1e-9 && held[0].abs() < 1e-9,
+        "{held:?}"
+    );
+    let each = report["fixed_reactions"].as_array().expect("a list");
+    let nodes: Vec<_> = each.iter().map(|own| own["nodes"].as_u64()).collect();
+    assert_eq!(nodes, [Some(16), Some(1)]);
+    assert_eq!(
+        read_json(&directory.path().join("a.json"))["fixed_force_n"],
+        report["fixed_force_n"]
+    );
+    let (_, said) = solved("youngs_modulus_pa = 60e3");
+    assert!(!said.contains("sags by"), "{said}");
+    let (_, said) = solved("youngs_modulus_pa = 5e3\nmodel = \"corotational\"");
+    assert!(!said.contains("sags by"), "{said}");
+    let (_, said) = solved("youngs_modulus_pa = 300.0\nmodel = \"hyperelastic\"");
+    assert!(
+        said.contains("see that `youngs_modulus_pa` is in Pa") && !said.contains("linear"),
+        "{said}"
+    );
+}
+
+/// These have scenes of their own, without weight.
+#[test]
+fn a_scene_is_refused_where_none_is_taken() {
+    for command in ["fidelity", "tradeoff", "stability"] {
+        let ran = sutura(&[command, "scenes/organ-under-its-own-weight.toml"]);
+        assert_eq!(ran.code, 2, "{command}: {}", ran.stderr);
+        assert!(
+            ran.stderr.contains("organ-under-its-own-weight.toml"),
+            "{}",
+            ran.stderr
+        );
+    }
 }

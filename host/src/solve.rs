@@ -2,7 +2,8 @@
 //!
 //! Entry point: [`solve`].
 
-use crate::output::{Drawn, DrivenNeedle, HeldTool, Reaction, Solution};
+use crate::fem::{Equilibrium, Loads};
+use crate::output::{Drawn, DrivenNeedle, FixedReaction, HeldTool, Reaction, Solution};
 use crate::scene::{Pose, Scene};
 use crate::script::at_rest;
 pub use crate::session::SolveError;
@@ -89,6 +90,7 @@ pub fn solve(scene: &Scene) -> Result<Solution, SolveError> {
             force_n: *force_n,
             torque_nm: [0.0; 3],
         });
+    let fixed_reactions = hold(scene, &acting, &rest);
     // The step's wrench is what the tool feels.
     let tools = report.contacts().iter().map(|contact| HeldTool {
         tool: contact.id,
@@ -109,11 +111,33 @@ pub fn solve(scene: &Scene) -> Result<Solution, SolveError> {
         forces_act_on: "tissue",
         drawn: Drawn::of(scene, &nodes_m, Some((model, state)), free, &samples),
         reactions: reactions.collect(),
+        fixed_force_n: [0, 1, 2].map(|axis| {
+            let forces = fixed_reactions.iter().map(|own| own.force_n[axis]);
+            forces.sum()
+        }),
+        fixed_reactions,
         tools: tools.collect(),
         needles: report.needles().iter().map(DrivenNeedle::from).collect(),
         wound,
         residual: rest.residual.max(report.residual),
     })
+}
+
+/// What each `[[fixed]]` does to the tissue: `node_force_n` has what acts on its nodes besides.
+fn hold(scene: &Scene, acting: &Loads, rest: &Equilibrium) -> Vec<FixedReaction> {
+    let mut own_n = rest.node_force_n.clone();
+    for load in &acting.forces {
+        for (own, load) in own_n[load.node as usize].iter_mut().zip(load.force_n) {
+            *own -= load;
+        }
+    }
+    let each = scene.fixed_by.iter().enumerate();
+    let each = each.map(|(fixed, nodes)| FixedReaction {
+        fixed,
+        nodes: nodes.len(),
+        force_n: [0, 1, 2].map(|axis| nodes.iter().map(|node| own_n[*node as usize][axis]).sum()),
+    });
+    each.collect()
 }
 
 /// Steps along the scripts of hands and tools until the scene's time to solve at, at its host's rate, then on the spot

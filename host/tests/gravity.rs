@@ -125,6 +125,36 @@ fn what_is_fixed_carries_the_weight() {
     }
 }
 
+/// Held at both ends, by two of them: each carries its half of a bar whose mesh is the same seen from either end, and what a
+/// third holds that the first has already is the first's.
+#[test]
+fn each_that_is_fixed_says_what_it_carries() {
+    for model in WITH_ROWS {
+        let text = bar([0.04, 0.01, 0.01], [8, 2, 2], &format!("{SOFT}\n{model}"))
+            + "[[fixed]]\nplane = { axis = \"x\", at_m = 0.02 }\n\
+               [[fixed]]\nbox = { min_m = [-1.0, -1.0, -1.0], max_m = [-0.014, 1.0, 1.0] }\n\
+               [[load]]\non = { plane = { axis = \"x\", at_m = 0.02 } }\ntotal_force_n = [0.0, 0.0, -3.0]\n";
+        let scene = scene(&text);
+        let solution = solve(&scene).expect("a rest");
+        let weight_n = scene.weight_n();
+        // What acts on fixed nodes is carried as well, and the tissue does not feel it.
+        let [x, y, z] = solution.fixed_force_n;
+        let off = (z / (weight_n + 3.0) - 1.0)
+            .abs()
+            .max(x.hypot(y) / weight_n);
+        assert!(off < 1e-9, "{model}: {off}");
+        let each = &solution.fixed_reactions;
+        let nodes: Vec<usize> = each.iter().map(|own| own.nodes).collect();
+        assert_eq!(nodes, [9, 9, 9], "{model}");
+        let sum = |axis: usize| each.iter().map(|own| own.force_n[axis]).sum::<f64>();
+        assert_eq!([0, 1, 2].map(sum), solution.fixed_force_n, "{model}");
+        assert!(
+            each[1].force_n[2] > 3.0 && each[2].force_n[2] > 0.2 * weight_n,
+            "{model}: {each:?}"
+        );
+    }
+}
+
 /// A mesh in gmsh's format, to the bit.
 fn written(mesh: &TetMesh, turned: impl Fn(Vector3<f64>) -> Vector3<f64>) -> String {
     let mut text = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n".to_owned();
@@ -388,4 +418,199 @@ fn tissue_that_collapses_is_told_its_sag_and_its_size() {
         assert!(told.contains(&sag), "{told}, {sag}");
         assert!(told.contains("it is 40.0 mm in size"), "{told}");
     }
+}
+
+/// A slab held at two of its sides, that sags between them, and a straight needle above its middle in the console's grip.
+const PIERCED: &str = r#"
+gravity_m_per_s2 = [0.0, 0.0, -9.81]
+device = "cartesian-bench"
+[mesh.slab]
+size_m = [0.04, 0.02, 0.006]
+divisions = [12, 6, 2]
+[tissue]
+youngs_modulus_pa = 40e3
+poisson_ratio = 0.4
+density_kg_per_m3 = 1000.0
+MODEL
+[tissue.needle]
+friction_n_per_m = 10.0
+cutting_pa = 5e4
+puncture_pa = 2e5
+[[fixed]]
+plane = { axis = "x", at_m = -0.02 }
+[[fixed]]
+plane = { axis = "x", at_m = 0.02 }
+[[tool]]
+id = 0
+shape = "grip"
+[[needle]]
+shape = "straight"
+length_m = 0.03
+thickness_m = 0.0008
+end_m = [0.0007, 0.0004, 0.035]
+direction = [0.0, 0.0, -1.0]
+[[needle.hold]]
+time_s = 0.0
+tool = 0
+"#;
+
+/// What a needle meets on its way down: where it first feels anything, the largest force against it before it has broken in, where
+/// its tip was one after the other, and faces crossed in the end.
+struct Way {
+    touches_m: f64,
+    threshold_n: f64,
+    tips: Vec<String>,
+    punctures: u32,
+    crossings: Vec<u32>,
+}
+
+fn pierce(text: &str) -> Way {
+    let mut solver = SceneSolver::new(&scene(text)).expect("a rest");
+    let mut way = Way {
+        touches_m: f64::NAN,
+        threshold_n: 0.0,
+        tips: Vec::new(),
+        punctures: 0,
+        crossings: Vec::new(),
+    };
+    let down = (0..600).map(|step| 0.035 - 4e-5 * f64::from(step));
+    for z in down {
+        let pose = Pose {
+            position_m: [0.0007, 0.0004, z],
+            orientation: [0.0, 0.0, 0.0, 1.0],
+        };
+        let mut report = solver.step(at_rest(0, &pose));
+        while matches!(report.status, Status::Behind | Status::Waiting) {
+            report = solver.step(at_rest(0, &pose));
+        }
+        assert_eq!(report.status, Status::Ok, "{z}");
+        let needle = report.needles()[0];
+        let tip = format!("{:?}", needle.tip);
+        if way.tips.last() != Some(&tip) {
+            way.tips.push(tip);
+        }
+        if way.crossings.last() != Some(&needle.crossings) {
+            way.crossings.push(needle.crossings);
+        }
+        if way.touches_m.is_nan() {
+            match needle.axial_n == 0.0 {
+                true => assert_eq!(report.contacts()[0].wrench, [0.0; 6], "{z}"),
+                false => way.touches_m = z - 0.03,
+            }
+        }
+        if needle.punctures == 0 {
+            way.threshold_n = way.threshold_n.max(-needle.axial_n);
+        }
+        way.punctures = needle.punctures;
+    }
+    way
+}
+
+/// It feels nothing before it is where the slab hangs, breaks in at the same force as without weight, and goes through the same.
+#[test]
+fn a_needle_goes_through_tissue_that_sags() {
+    for model in ["model = \"linear\"", "model = \"corotational\""] {
+        let text = PIERCED.replace("MODEL", model);
+        let sag_m = Bench::new(&scene(&text)).model.sag_m();
+        let hangs = pierce(&text);
+        let plain = pierce(&text.replace("-9.81", "0.0"));
+        assert!(sag_m > 3e-4, "{sag_m}");
+        // At its middle, whose top sags as far as any node but for a hair.
+        assert!(
+            (hangs.touches_m + sag_m).abs() < 0.1 * sag_m + 4e-5,
+            "{model}: {} {sag_m}",
+            hangs.touches_m
+        );
+        assert!(plain.touches_m.abs() < 1e-4, "{model}: {}", plain.touches_m);
+        let ratio = hangs.threshold_n / plain.threshold_n;
+        assert!(
+            plain.threshold_n > 0.05 && (ratio - 1.0).abs() < 0.05,
+            "{model}: {ratio} of {}",
+            plain.threshold_n
+        );
+        assert_eq!(
+            (&hangs.tips, hangs.punctures),
+            (&plain.tips, plain.punctures),
+            "{model}"
+        );
+        assert_eq!(
+            hangs.tips,
+            ["Outside", "Holding", "Inside", "Holding", "Outside"],
+            "{model}"
+        );
+        assert_eq!(hangs.crossings.last(), plain.crossings.last(), "{model}");
+    }
+}
+
+/// Jaws that lift a slab carry, with what is fixed, its weight; before they close there is nothing to feel.
+#[test]
+fn jaws_hold_tissue_with_its_weight() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes/jaws-lift.toml");
+    let text = std::fs::read_to_string(path).expect("readable");
+    let text = text
+        .replace("divisions = [16, 12, 5]", "divisions = [12, 9, 4]")
+        .replace("[tissue]", "[tissue]\ndensity_kg_per_m3 = 1060.0");
+    let text = format!("gravity_m_per_s2 = {DOWN:?}\n{text}");
+    let at = |time_s: f64| {
+        let mut scene = scene(&text);
+        scene.solve_at_s = Some(time_s);
+        let solution = solve(&scene).expect("a rest");
+        let force = |v: [f64; 3]| Vector3::from(v);
+        let tools: Vector3<f64> = solution.tools.iter().map(|tool| force(tool.force_n)).sum();
+        let weight = Vector3::from(DOWN) / 9.81 * scene.weight_n();
+        let left = (force(solution.fixed_force_n) + tools + weight).norm() / weight.norm();
+        assert!(left < 1e-6, "{time_s}: {left}");
+        tools
+    };
+    assert_eq!(at(1.0), Vector3::zeros());
+    let lifted = at(3.0);
+    assert!(lifted.z > 0.1, "{lifted}");
+}
+
+/// Two slabs, one held above the other: the upper sags onto the lower, and what holds them carries both.
+#[test]
+fn tissue_that_sags_onto_other_tissue_lies_on_it() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes/touching-slabs.toml");
+    let text = std::fs::read_to_string(path).expect("readable");
+    let cut = |text: &str, from: &str, to: &str| {
+        let start = text.find(from).expect("there");
+        let end = text[start..].find(to).map_or(text.len(), |end| start + end);
+        text[..start].to_owned() + &text[end..]
+    };
+    let text = cut(&text, "# On the upper slab's top", "# The console's own");
+    let text = text.replace("[tissue]", "[tissue]\ndensity_kg_per_m3 = 1000.0");
+    let text = format!("gravity_m_per_s2 = {DOWN:?}\n{text}");
+    let apart = cut(&text, "[[tissue_contact]]", "\u{0}");
+    let of = |text: &str| {
+        let scene = scene(text);
+        let solution = solve(&scene).expect("a rest");
+        let weight_n = scene.weight_n();
+        let off = (solution.fixed_force_n[2] / weight_n - 1.0).abs();
+        let table_n = solution.fixed_reactions[0].force_n[2];
+        let points = solution
+            .drawn
+            .points_m
+            .iter()
+            .zip(&solution.drawn.displacement_m);
+        let at = points.map(|(x, u)| (*x, x[2] + u[2]));
+        // The least of the upper slab's underside near its middle, and the lower one's top there.
+        let middle = at.filter(|(x, _)| x[0].abs() < 0.006 && x[1].abs() < 0.006);
+        let (upper, lower): (Vec<_>, Vec<_>) = middle.partition(|(x, _)| x[2] > 1e-4);
+        let under = upper.iter().map(|(_, z)| *z).fold(f64::MAX, f64::min);
+        let top = lower.iter().map(|(_, z)| *z).fold(f64::MIN, f64::max);
+        (off, table_n, under - top)
+    };
+    let lower_n = 9.81 * 1000.0 * 0.03 * 0.03 * 0.01;
+    let (off, table_n, gap_m) = of(&apart);
+    assert!(
+        off < 1e-9 && (table_n / lower_n - 1.0).abs() < 1e-9,
+        "{off} {table_n}"
+    );
+    assert!(gap_m < -2e-4, "goes through it: {gap_m}");
+    let (off, table_n, gap_m) = of(&text);
+    assert!(
+        off < 1e-7 && table_n > 1.05 * lower_n,
+        "{off} {table_n} {lower_n}"
+    );
+    assert!(gap_m > -5e-5, "{gap_m}");
 }

@@ -6,7 +6,9 @@ use clap::Args;
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::path::PathBuf;
-use sutura_host::output::{DrivenNeedle, HeldTool, Reaction, Solution, SolutionFormat};
+use sutura_host::output::{
+    DrivenNeedle, FixedReaction, HeldTool, Reaction, Solution, SolutionFormat,
+};
 use sutura_host::scene::{LONGEST_S, Scene};
 use sutura_host::solve::{SolveError, solve};
 use sutura_host::wound::WoundReport;
@@ -33,7 +35,8 @@ Examples:
   sutura solve scenes/palpation.toml --out pressed.json    a sphere held 9 mm deep in a slab
   sutura solve scenes/needle-slabs.toml --at 3 --out in.vtu   a needle three seconds after the start
 
-The JSON file has points_m, displacement_m, reactions[] (handle, force_n, torque_nm), tools[] and residual.
+The JSON file has points_m, displacement_m, reactions[] (handle, force_n, torque_nm), fixed_force_n,
+fixed_reactions[] (fixed, nodes, force_n), tools[] and residual.
 Forces and torques act on the tissue; the handle or the tool feels the opposite.";
 
 /// Solves and writes the file.
@@ -138,6 +141,10 @@ pub struct Solved<'a> {
     displacement_max_m: f64,
     /// One for each handle, in the scene's order.
     reactions: &'a [Reaction],
+    /// Force of all that is fixed on the tissue \[N\], (3).
+    fixed_force_n: [f64; 3],
+    /// One for each `[[fixed]]`, in the scene's order.
+    fixed_reactions: &'a [FixedReaction],
     /// One for each tool that the scene holds somewhere.
     tools: &'a [HeldTool],
     /// One for each needle, in the scene's order.
@@ -158,6 +165,8 @@ fn solved<'a>(args: &SolveArgs, solution: &'a Solution) -> Solved<'a> {
         cells: solution.drawn.cells.len(),
         displacement_max_m: largest_m(solution),
         reactions: &solution.reactions,
+        fixed_force_n: solution.fixed_force_n,
+        fixed_reactions: &solution.fixed_reactions,
         tools: &solution.tools,
         needles: &solution.needles,
         wound: solution.wound.as_ref(),
@@ -182,6 +191,22 @@ fn print_text(args: &SolveArgs, solution: &Solution) {
         say!(
             "  handle {name}: force on the tissue {} N",
             vector(&reaction.force_n)
+        );
+    }
+    say!(
+        "  fixed: force on the tissue {} N",
+        vector(&solution.fixed_force_n)
+    );
+    for own in solution
+        .fixed_reactions
+        .iter()
+        .filter(|_| solution.fixed_reactions.len() > 1)
+    {
+        say!(
+            "  fixed {}: force on the tissue {} N, {} nodes",
+            own.fixed,
+            vector(&own.force_n),
+            own.nodes
         );
     }
     for tool in &solution.tools {

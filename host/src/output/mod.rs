@@ -13,6 +13,6 @@ pub(crate) use drawn::{Beside, centre_line};
 pub use drawn::{Drawn, Line, Part};
 pub use mesh_file::{MeshFormat, write_mesh};
 pub(crate) use solution::tip_word;
-pub use solution::{DrivenNeedle, HeldTool, Reaction, Solution, SolutionFormat};
+pub use solution::{DrivenNeedle, FixedReaction, HeldTool, Reaction, Solution, SolutionFormat};
 pub use vtu::vtu;
 pub use whole::write_whole;

@@ -25,6 +25,10 @@ pub struct Solution {
     pub drawn: Drawn,
     /// One for each handle, in the scene's order.
     pub reactions: Vec<Reaction>,
+    /// Force of all that is fixed on the tissue \[N\], (3).
+    pub fixed_force_n: [f64; 3],
+    /// One for each `[[fixed]]`, in the scene's order.
+    pub fixed_reactions: Vec<FixedReaction>,
     /// One for each tool that the scene holds somewhere.
     pub tools: Vec<HeldTool>,
     /// One for each needle, in the scene's order.
@@ -49,6 +53,17 @@ pub struct Reaction {
     pub force_n: [f64; 3],
     /// Moment on the tissue about the handle \[N m\], (3); a point handle has none.
     pub torque_nm: [f64; 3],
+}
+
+/// What a `[[fixed]]` does to the tissue: the force of its nodes on their cells, less the loads that act on these nodes.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct FixedReaction {
+    /// Place of the `[[fixed]]` in the scene, from 0.
+    pub fixed: usize,
+    /// Its nodes, but for those of an earlier one.
+    pub nodes: usize,
+    /// Force on the tissue \[N\], (3).
+    pub force_n: [f64; 3],
 }
 
 /// What a tool does to the tissue.

@@ -90,6 +90,8 @@ pub struct Scene {
     pub regions: Vec<Region>,
     /// Nodes that do not move, ascending.
     pub fixed: Vec<u32>,
+    /// Those of each `[[fixed]]`, but for what an earlier one holds already, ascending.
+    pub fixed_by: Vec<Vec<u32>>,
     /// Tools, with different ids.
     pub tools: Vec<Tool>,
     /// Needles, with different ids.
@@ -124,10 +126,10 @@ pub struct Scene {
     pub warnings: Vec<Flaw>,
     /// What is as meant, and good to know.
     pub notes: Vec<Flaw>,
-}
-
     /// What the mesh's reader left out of its file or made of it.
     pub mesh_notes: Vec<Flaw>,
+}
+
 /// What a scene says about corotational tissue; the solver's own choice where it says nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Corotational {

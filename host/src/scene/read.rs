@@ -52,12 +52,15 @@ impl Scene {
             of_cell,
         } = read_materials(document, &mesh, &file.tissue, &file.region, &mut warnings)?;
         warnings.extend(units::of_mesh(document, &file.mesh, &mesh));
-        let mut fixed = Vec::new();
+        let mut fixed: Vec<u32> = Vec::new();
+        let mut fixed_by = Vec::new();
         for selection in &file.fixed {
-            fixed.extend(select(document, &mesh, selection)?);
+            let mut own = select(document, &mesh, selection)?;
+            own.retain(|node| fixed.binary_search(node).is_err());
+            fixed.extend(&own);
+            fixed.sort_unstable();
+            fixed_by.push(own);
         }
-        fixed.sort_unstable();
-        fixed.dedup();
         if fixed.is_empty() {
             let help = "add `[[fixed]]` with `plane`, `box` or `nodes`: free tissue has no rest under load";
             let message = "nothing holds the tissue";
@@ -150,6 +153,7 @@ impl Scene {
             regions,
             fixed,
             tools,
+            fixed_by,
             needles,
             needle_tissue,
             threads,
@@ -171,11 +175,11 @@ impl Scene {
             warnings,
             notes,
         };
+            mesh_notes,
         let (settle, warning) = read_settle(document, file.settle.as_ref(), &scene)?;
         scene.settle = settle;
         scene.warnings.extend(warning);
         Ok(scene)
-            mesh_notes,
     }
 }
 
