@@ -295,6 +295,18 @@ fn unlikely_units_are_told_with_place_limit_and_factor() {
             ran.stderr
         );
     }
+    let long = SCENE.replace(
+        "radius_m = 0.03",
+        "radius_m = 0.012\nshape = \"capsule\"\nlength_m = 200.0",
+    );
+    let ran = check(at, &long);
+    for words in [
+        "200.0 m long, larger than 2.0 m",
+        "times 0.001 it is 200.0 mm",
+        "scene.toml:18:",
+    ] {
+        assert!(ran.stderr.contains(words), "no {words} in {}", ran.stderr);
+    }
     let far = SCENE.replace("[0.0, 0.0, 0.032]", "[0.0, 0.0, 32.0]");
     let ran = check(at, &far);
     assert_eq!(ran.code, 2, "{}", ran.stderr);

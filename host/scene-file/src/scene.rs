@@ -42,7 +42,7 @@ pub struct SceneFile {
     /// For people; the file's stem when left out.
     pub name: Option<String>,
     /// How long a session lasts \[s\].
-    #[schemars(with = "Option<f64>")]
+    #[schemars(with = "Option<f64>", extend("exclusiveMinimum" = 0.0, "maximum" = 86400.0))]
     pub seconds: Option<Spanned<f64>>,
     /// Name of a device, or path of a device file ending in `.toml`.
     #[schemars(with = "Option<String>")]
@@ -129,8 +129,8 @@ pub struct MeshSection {
     /// gmsh file, relative to the scene file.
     #[schemars(with = "Option<String>")]
     pub file: Option<Spanned<String>>,
-    /// Metres per mesh unit.
-    #[schemars(with = "Option<f64>")]
+    /// Metres per mesh unit: 0.001 for a mesh in millimetres. A body above 2 m or below 2 mm is warned of.
+    #[schemars(with = "Option<f64>", extend("exclusiveMinimum" = 0.0))]
     pub scale_to_m: Option<Spanned<f64>>,
     /// Structured slab, centred in x and y, top at z = 0.
     #[schemars(with = "Option<SlabSection>")]
@@ -179,8 +179,8 @@ pub struct TubeSection {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SlabSection {
-    /// Along x, y, z \[m\], (3).
-    #[schemars(with = "[f64; 3]")]
+    /// Along x, y, z \[m\], (3). A body above 2 m or below 2 mm is warned of.
+    #[schemars(with = "[f64; 3]", extend("items" = {"type": "number", "exclusiveMinimum": 0.0}))]
     pub size_m: Spanned<[f64; 3]>,
     /// Cubes along x, y, z, (3).
     #[schemars(with = "[usize; 3]")]
@@ -248,14 +248,14 @@ pub struct TissueSection {
     /// One of the model's settings by name, of models that have such; the usual one when left out.
     #[schemars(with = "Option<String>")]
     pub setting: Option<Spanned<String>>,
-    /// Young's modulus \[Pa\].
-    #[schemars(with = "f64")]
+    /// Young's modulus \[Pa\]: soft tissue has 1e3 to 1e6. What is too stiff to be felt is warned of.
+    #[schemars(with = "f64", extend("exclusiveMinimum" = 0.0))]
     pub youngs_modulus_pa: Spanned<f64>,
     /// Poisson's ratio.
-    #[schemars(with = "f64")]
+    #[schemars(with = "f64", extend("exclusiveMinimum" = -1.0, "exclusiveMaximum" = 0.5))]
     pub poisson_ratio: Spanned<f64>,
     /// Density \[kg/m^3\], for weight under `gravity_m_per_s2`, and for models with masses, where it is 1050 when left out.
-    #[schemars(with = "Option<f64>")]
+    #[schemars(with = "Option<f64>", extend("minimum" = 1.0, "maximum" = 30000.0))]
     pub density_kg_per_m3: Option<Spanned<f64>>,
     /// How the tissue answers needles; scenes with needles need it.
     #[schemars(with = "Option<NeedleTissueSection>")]
@@ -297,14 +297,14 @@ pub struct RegionSection {
     #[serde(rename = "box")]
     #[schemars(with = "Option<Cuboid>")]
     pub cuboid: Option<Spanned<Cuboid>>,
-    /// Young's modulus \[Pa\].
-    #[schemars(with = "f64")]
+    /// Young's modulus \[Pa\]: soft tissue has 1e3 to 1e6. What is too stiff to be felt is warned of.
+    #[schemars(with = "f64", extend("exclusiveMinimum" = 0.0))]
     pub youngs_modulus_pa: Spanned<f64>,
     /// Poisson's ratio.
-    #[schemars(with = "f64")]
+    #[schemars(with = "f64", extend("exclusiveMinimum" = -1.0, "exclusiveMaximum" = 0.5))]
     pub poisson_ratio: Spanned<f64>,
     /// Density \[kg/m^3\], for weight under `gravity_m_per_s2`; that of `[tissue]` when left out.
-    #[schemars(with = "Option<f64>")]
+    #[schemars(with = "Option<f64>", extend("minimum" = 1.0, "maximum" = 30000.0))]
     pub density_kg_per_m3: Option<Spanned<f64>>,
     /// How this part answers needles, where it does so in its own way.
     #[schemars(with = "Option<NeedleTissueSection>")]
@@ -446,18 +446,18 @@ pub struct ToolSection {
     /// What touches.
     #[serde(default)]
     pub shape: ToolShape,
-    /// Radius of the sphere, or of the bar of a punch or a capsule \[m\].
-    #[schemars(with = "Option<f64>")]
+    /// Radius of the sphere, or of the bar of a punch or a capsule \[m\]; one larger than the body is warned of.
+    #[schemars(with = "Option<f64>", extend("minimum" = 0.0))]
     pub radius_m: Option<Spanned<f64>>,
     /// Of a box, from face to face: along `side`, across both, and along `axis`; for one that looks down along x, y and z
     /// \[m\], (3).
-    #[schemars(with = "Option<[f64; 3]>")]
+    #[schemars(with = "Option<[f64; 3]>", extend("items" = {"type": "number", "exclusiveMinimum": 0.0}))]
     pub size_m: Option<Spanned<[f64; 3]>>,
     /// STL file of a closed surface, binary or ASCII, relative to the scene file.
     #[schemars(with = "Option<String>")]
     pub mesh: Option<Spanned<String>>,
-    /// Metres per unit of that file.
-    #[schemars(with = "Option<f64>")]
+    /// Metres per unit of that file: 0.001 for millimetres.
+    #[schemars(with = "Option<f64>", extend("exclusiveMinimum" = 0.0))]
     pub scale_to_m: Option<Spanned<f64>>,
     /// Radius of a punch's rounded rim, or of a box's edges and corners, or by which a mesh is larger all around \[m\]; a
     /// tenth of the punch's radius, of half the box's least size, or of the largest ball's in the mesh when left out.
@@ -511,7 +511,7 @@ pub struct ToolSection {
 #[serde(deny_unknown_fields)]
 pub struct GripBodySection {
     /// Of the bar \[m\].
-    #[schemars(with = "f64")]
+    #[schemars(with = "f64", extend("exclusiveMinimum" = 0.0))]
     pub radius_m: Spanned<f64>,
     /// From centre to centre of its ends \[m\].
     #[schemars(with = "f64")]
@@ -562,7 +562,7 @@ pub struct NeedleSegmentSection {
     #[schemars(with = "f64")]
     pub length_m: Spanned<f64>,
     /// Radius of the circle \[m\]; straight when left out.
-    #[schemars(with = "Option<f64>")]
+    #[schemars(with = "Option<f64>", extend("exclusiveMinimum" = 0.0))]
     pub radius_m: Option<Spanned<f64>>,
 }
 
@@ -579,7 +579,7 @@ pub struct NeedleSection {
     #[schemars(with = "Option<f64>")]
     pub length_m: Option<Spanned<f64>>,
     /// Radius of the circle \[m\], of an arc.
-    #[schemars(with = "Option<f64>")]
+    #[schemars(with = "Option<f64>", extend("exclusiveMinimum" = 0.0))]
     pub radius_m: Option<Spanned<f64>>,
     /// From end to tip \[degree\], of an arc; less than 360.
     #[schemars(with = "Option<f64>")]
@@ -588,7 +588,7 @@ pub struct NeedleSection {
     #[schemars(with = "Option<Vec<NeedleSegmentSection>>")]
     pub segments: Option<Spanned<Vec<NeedleSegmentSection>>>,
     /// Diameter \[m\].
-    #[schemars(with = "f64")]
+    #[schemars(with = "f64", extend("exclusiveMinimum" = 0.0))]
     pub thickness_m: Spanned<f64>,
     /// Where its end, opposite to the tip, is at the start \[m\], (3).
     #[schemars(with = "[f64; 3]")]
@@ -703,11 +703,11 @@ pub struct WayPointSection {
 #[serde(deny_unknown_fields)]
 pub struct HostSection {
     /// Solver steps a second \[Hz\].
-    #[schemars(with = "Option<f64>")]
+    #[schemars(with = "Option<f64>", extend("minimum" = 1.0, "maximum" = 1000.0))]
     pub host_hz: Option<Spanned<f64>>,
     /// How long the console may use a contact frame at least \[ms\], from its console time; measured delays and solves make
     /// it longer.
-    #[schemars(with = "Option<f64>")]
+    #[schemars(with = "Option<f64>", extend("exclusiveMinimum" = 0.0, "maximum" = 150.0))]
     pub horizon_ms: Option<Spanned<f64>>,
 }
 

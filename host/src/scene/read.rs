@@ -89,6 +89,7 @@ impl Scene {
         };
         let tools = read_tools(document, &file.tool, &mesh, (&mut warnings, &mut notes))?;
         warnings.extend(units::of_tools(document, &file.tool, &tools, &mesh));
+        warnings.extend(units::of_lengths(document, &file));
         let moduli = std::iter::once(&file.tissue.youngs_modulus_pa).chain(
             file.region
                 .iter()
@@ -152,8 +153,8 @@ impl Scene {
             settle: true,
             regions,
             fixed,
-            tools,
             fixed_by,
+            tools,
             needles,
             needle_tissue,
             threads,
@@ -174,8 +175,8 @@ impl Scene {
             host: read_host(document, &file)?,
             warnings,
             notes,
-        };
             mesh_notes,
+        };
         let (settle, warning) = read_settle(document, file.settle.as_ref(), &scene)?;
         scene.settle = settle;
         scene.warnings.extend(warning);

@@ -1,13 +1,14 @@
 //! Sizes, stiffnesses and places that suggest another unit than the one that a key asks for.
 //!
-//! Entry points: [`unlikely_size`], [`of_mesh`], [`of_tools`], [`of_stiffness`]. Millimetres for metres are off by
+//! Entry points: [`unlikely_size`], [`of_mesh`], [`of_tools`], [`of_lengths`],
+//! [`of_stiffness`]. Millimetres for metres are off by
 //! 1000, and so are kPa for Pa: that is what a hint proposes, where it helps.
 
 use super::Tool;
 use super::document::{Document, Flaw};
 use super::way;
 use crate::mesh::TetMesh;
-use sutura_scene_file::scene::{MeshSection, ToolSection};
+use sutura_scene_file::scene::{MeshSection, SceneFile, ToolSection};
 use sutura_shared::wire::validate::MAX_TANGENT;
 use toml::Spanned;
 
@@ -120,6 +121,33 @@ pub(super) fn of_tools(
         })
     });
     large.collect()
+}
+
+/// A warning for each length of a tool, a needle or a thread beyond the largest body: none is longer than a person.
+pub(super) fn of_lengths(document: &Document, file: &SceneFile) -> Vec<Flaw> {
+    let tools = file.tool.iter().map(|section| &section.get_ref().length_m);
+    let needles = file.needle.iter().map(Spanned::get_ref);
+    let needles = needles.flat_map(|needle| [&needle.length_m, &needle.radius_m]);
+    let threads = file
+        .thread
+        .iter()
+        .map(|section| &section.get_ref().length_m);
+    let lengths = tools.chain(needles).flatten().chain(threads);
+    let [most, _] = SIZES_M;
+    let long = lengths.filter(|length_m| *length_m.get_ref() > most);
+    let warned = long.map(|length_m| {
+        let long_m = *length_m.get_ref();
+        let message = format!("{} long, larger than {}", length(long_m), length(most));
+        let help = match 1e-3 * long_m <= most {
+            true => format!(
+                "lengths are in metres: times 0.001 it is {}",
+                length(1e-3 * long_m)
+            ),
+            false => "lengths are in metres".to_owned(),
+        };
+        document.warning(length_m.span(), &message, "hardly metres", &help)
+    });
+    warned.collect()
 }
 
 /// A warning of tissue on which a tool is stiffer than a frame can say: a flat punch of radius a feels at least `2 E a`
