@@ -25,6 +25,7 @@ use sutura_host::session::{check_rate, least_hz};
 use sutura_host::step::{State, Status, StepOptions, StepReport, Workspace, step};
 use sutura_host::thread::ThreadTension;
 use sutura_shared::control::TICK_HZ;
+use sutura_study::machine::Machine;
 
 /// Slabs of `--suite`, in cubes along x, y, z.
 const SLABS: [[usize; 3]; 3] = [[20, 20, 8], [26, 26, 10], [32, 32, 12]];
@@ -80,15 +81,6 @@ pub struct Report {
     cases: Vec<Case>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     slides: Vec<sliding::Slide>,
-}
-
-#[derive(Serialize, JsonSchema)]
-struct Machine {
-    cpu: String,
-    threads: usize,
-    os: &'static str,
-    arch: &'static str,
-    build: &'static str,
 }
 
 #[derive(Serialize, JsonSchema)]
@@ -240,7 +232,7 @@ pub fn run(args: &BenchArgs, global: &Global) -> Result<(), Failure> {
     progress.finish_and_clear();
     let report = Report {
         status: "ok",
-        machine: machine(),
+        machine: Machine::here(),
         cases,
         slides,
     };
@@ -428,20 +420,6 @@ fn quantile(values: &mut [f64], q: f64) -> f64 {
     values.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
 }
 
-fn machine() -> Machine {
-    Machine {
-        cpu: sutura_study::machine::cpu(),
-        threads: std::thread::available_parallelism().map_or(1, usize::from),
-        os: std::env::consts::OS,
-        arch: std::env::consts::ARCH,
-        build: if cfg!(debug_assertions) {
-            "debug"
-        } else {
-            "release"
-        },
-    }
-}
-
 fn print_text(report: &Report) {
     let Machine {
         cpu,
@@ -449,6 +427,7 @@ fn print_text(report: &Report) {
         os,
         arch,
         build,
+        ..
     } = &report.machine;
     say!("{cpu}, {threads} threads, {os} {arch}, {build} build; times in us");
     say!(
