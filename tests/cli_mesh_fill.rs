@@ -364,10 +364,15 @@ fn a_label_volume_becomes_a_scene_in_three_commands() {
         std::fs::remove_file(at.join("lobe.ply")).expect("there");
         let ran = ran(Command::new("python").arg("surface.py").current_dir(at));
         assert_eq!(ran.code, 0, "{}", ran.stderr);
+        // Other releases of scikit-image may count its points in another order.
         let made = std::fs::read(at.join("lobe.ply")).expect("written");
+        let made = sutura_host::mesh::SurfaceFormat::Ply.read(&made, 0.001);
+        let mut made = made.expect("a surface");
+        assert_eq!(made.repair(), Ok(sound));
+        let ratio = made.volume_m3() / surface.volume_m3();
         assert!(
-            made == kept,
-            "docs/src/mesh/lobe.ply is not what surface.py writes"
+            (ratio - 1.0).abs() < 1e-3,
+            "the kept surface is another one: {ratio}"
         );
     }
     let page = std::fs::read_to_string(book.join("../mesh.md")).expect("readable");

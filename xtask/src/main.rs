@@ -36,7 +36,11 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     /// Installs what is missing: the chip's Rust target, QEMU, valgrind, gungraun-runner, cargo-deny, cargo-nextest, mdBook.
-    Setup,
+    Setup {
+        /// What the long tests need, too: gmsh and scikit-image, in an environment of their own under the target folder.
+        #[arg(long)]
+        full: bool,
+    },
     /// Builds the firmware, prints sizes and instruction counts, and compares them with the snapshots.
     #[command(after_help = "Examples:
   cargo xtask firmware                    all boards, all gates
@@ -190,7 +194,7 @@ fn main() -> ExitCode {
             Ok(code) => return code,
             Err(error) => Err(error),
         },
-        Command::Setup => setup::all(),
+        Command::Setup { full } => setup::all(full),
         Command::Firmware {
             board: Some(board),
             format,

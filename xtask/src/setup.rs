@@ -1,6 +1,7 @@
 //! `cargo xtask setup`: what the checks need and a fresh machine lacks. Entry point: [`all`].
 
 use crate::locks;
+use crate::mesher;
 use crate::run::{Tool, is_there};
 use crate::toolchain::{Toolchain, apt_install};
 use anyhow::{Context, Result};
@@ -14,8 +15,8 @@ pub const VALGRIND: &str = "valgrind";
 /// What starts the counting; of the same version as the crate `gungraun` in Cargo.lock.
 const RUNNER: &str = "gungraun-runner";
 
-/// Installs what is missing and says what is used.
-pub fn all() -> Result<()> {
+/// Installs what is missing and says what is used; with `full` what the long tests need, too.
+pub fn all(full: bool) -> Result<()> {
     let toolchain = Toolchain::ensure()?;
     eprintln!(
         "compiler for the chip: {}, {}",
@@ -26,6 +27,9 @@ pub fn all() -> Result<()> {
     qemu()?;
     browser()?;
     instruction_counter()?;
+    if full {
+        mesher::ensure()?;
+    }
     cargo_command("deny", "dependency checks")?;
     cargo_command("nextest", "test runner")
 }

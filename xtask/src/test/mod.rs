@@ -11,7 +11,7 @@ pub use seeds::Cases;
 
 use crate::run::{Beside, Tool, target};
 use crate::toolchain::{Toolchain, host};
-use crate::{Format, bench, book, firmware, locks, mesher, python, setup};
+use crate::{Format, bench, book, firmware, locks, python, setup};
 use anyhow::{Context, Result, bail};
 use report::{Kind, Report};
 
@@ -47,11 +47,12 @@ fn steps(report: &mut Report, cases: Cases) {
         machine = Some(host()?);
         Ok(())
     });
-    report.step(Kind::Tools, "setup", "cargo xtask setup", |_| setup::all());
-    if cases.full {
-        let again = "cargo xtask test --full";
-        report.step(Kind::Tools, "mesher", again, |_| mesher::ensure());
-    }
+    let again = if cases.full {
+        "cargo xtask setup --full"
+    } else {
+        "cargo xtask setup"
+    };
+    report.step(Kind::Tools, "setup", again, |_| setup::all(cases.full));
     // Where it cannot be had, `setup` has said so.
     let toolchain = Toolchain::ensure().ok();
 
