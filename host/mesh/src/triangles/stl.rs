@@ -1,7 +1,7 @@
 //! STL files, ASCII and binary.
 //!
-//! Entry point: [`read_stl`]. A binary file's title may begin as an ASCII file does: its size tells. Numbers are of 32 bits in
-//! both.
+//! Entry point: [`read_stl`]. A binary file's title may begin as an ASCII file does: its other bytes tell. Numbers are of 32
+//! bits in both.
 
 use super::TriangleMesh;
 use crate::MeshError;
@@ -24,12 +24,11 @@ pub(super) fn read_stl(bytes: &[u8]) -> Result<TriangleMesh, MeshError> {
         .get(TITLE..HEAD)
         .and_then(|count| count.try_into().ok());
     let count = count.map(u32::from_le_bytes);
-    let size = |count: u32| (count as usize).checked_mul(TRIANGLE)?.checked_add(HEAD);
+    // No text has a byte that is zero; the number of triangles has, and what else is there mostly.
     let word = bytes.trim_ascii_start().get(..5);
     let is_text =
         word.is_some_and(|word| word.eq_ignore_ascii_case(b"solid")) && !bytes.contains(&0);
     match count {
-        Some(count) if size(count) == Some(bytes.len()) => binary(bytes, count),
         _ if is_text => ascii(bytes),
         Some(count) => binary(bytes, count),
         None => Err(Scan::new(bytes, Coding::Words, None).expected(
@@ -43,8 +42,8 @@ fn binary(bytes: &[u8], count: u32) -> Result<TriangleMesh, MeshError> {
     let mut file = Scan::new(bytes, Coding::Binary(Endian::Little), None);
     file.take(HEAD, "the number of triangles")?;
     let mut facets = Facets::default();
+    let what = format!("50 bytes for each of {count} triangles");
     for _ in 0..count {
-        let what = format!("50 bytes for each of {count} triangles");
         let numbers = file.take(TRIANGLE, &what)?;
         let number = |k: usize| Kind::F32.read(&numbers[4 * k..], Endian::Little).real() as f32;
         facets.push([3, 6, 9].map(|k| [k, k + 1, k + 2].map(number)));

@@ -59,7 +59,6 @@ fn binary(title: &[u8]) -> Vec<u8> {
     bytes.resize(80, b' ');
     bytes.extend((unit.triangles.len() as u32).to_le_bytes());
     for triangle in &unit.triangles {
-        // A normal that is no zero: no byte of the file need be.
         bytes.extend([1.5f32, 2.5, 3.5].iter().flat_map(|x| x.to_le_bytes()));
         let numbers = triangle
             .iter()
@@ -77,7 +76,7 @@ fn volume(surface: &TriangleMesh) -> f64 {
 }
 
 #[test]
-fn an_stl_is_told_by_its_size_and_not_by_its_first_word() {
+fn an_stl_is_told_by_its_bytes_and_not_by_its_first_word() {
     let read = |bytes: &[u8]| SurfaceFormat::Stl.read(bytes, 2.0);
     let whole = read(ascii("solid box").as_bytes()).expect("ASCII");
     assert_eq!((whole.points_m.len(), volume(&whole)), (8, 8.0));
