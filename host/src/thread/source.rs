@@ -19,7 +19,7 @@ const SWINGS: u32 = 32;
 /// Part of each change that is then made.
 const DAMPED: f64 = 0.5;
 /// A thread that would bend by less over tissue cuts into it \[rad\].
-const LEAST_TURN: f64 = 0.02;
+const LEAST_TURN: f64 = 0.03;
 /// The same where its spans have bodies: between two edges it cuts in by a quarter of their distance times this.
 const LEAST_TURN_OF_BODY: f64 = 0.002;
 /// Rounds of a balance in which spans are lifted out of the tissue.
