@@ -178,6 +178,15 @@ fn two_threads_pull_at_one_slab() {
     assert!((0.2..1.0).contains(&peak), "{peak} N");
 }
 
+/// What the console feels at most of a scene in lockstep \[N\], in which no step was withheld.
+fn peak_n(text: &str) -> f64 {
+    let directory = tempfile::tempdir().unwrap();
+    let summary = run(directory.path(), text);
+    assert_eq!(summary["steps_withheld"], serde_json::json!({}));
+    assert_eq!(summary["decays"], 0);
+    number(&summary["force_n"], "peak")
+}
+
 /// A shaft that lifts a span feels the tension times the turn; without the section the thread goes through it.
 #[test]
 fn a_shaft_lifts_a_thread() {
@@ -185,18 +194,7 @@ fn a_shaft_lifts_a_thread() {
     let text = std::fs::read_to_string(path).unwrap();
     let section = "[[body_contact]]\nbetween = [{ thread = 0 }, { tool = 0 }]\n";
     assert!(text.contains(section));
-    let directory = tempfile::tempdir().unwrap();
-    let scene = directory.path().join("shaft.toml");
-    let peaks = [text.clone(), text.replace(section, "")].map(|text| {
-        std::fs::write(&scene, text).unwrap();
-        let scene = scene.to_str().unwrap();
-        let ran = sutura(&["run", scene, "--lockstep", "--format", "json"]);
-        assert_eq!(ran.code, 0, "{}", ran.stderr);
-        let summary: Value = serde_json::from_str(&ran.stdout).unwrap();
-        assert_eq!(summary["steps_withheld"], serde_json::json!({}));
-        assert_eq!(summary["decays"], 0);
-        number(&summary["force_n"], "peak")
-    });
+    let peaks = [text.clone(), text.replace(section, "")].map(|text| peak_n(&text));
     assert!((0.4..0.7).contains(&peaks[0]), "{peaks:?}");
     assert!(peaks[1] < 0.1 * peaks[0], "{peaks:?}");
 }
@@ -210,18 +208,7 @@ fn a_shaft_is_drawn_along_another_one() {
     let (before, after) = text.split_once("[[body_contact]]").unwrap();
     let (_, after) = after.split_once("friction = 0.2\n").unwrap();
     let smooth = text.replace("friction = 0.2", "friction = 0.0");
-    let directory = tempfile::tempdir().unwrap();
-    let scene = directory.path().join("shafts.toml");
-    let peaks = [text.clone(), smooth, [before, after].concat()].map(|text| {
-        std::fs::write(&scene, text).unwrap();
-        let scene = scene.to_str().unwrap();
-        let ran = sutura(&["run", scene, "--lockstep", "--format", "json"]);
-        assert_eq!(ran.code, 0, "{}", ran.stderr);
-        let summary: Value = serde_json::from_str(&ran.stdout).unwrap();
-        assert_eq!(summary["steps_withheld"], serde_json::json!({}));
-        assert_eq!(summary["decays"], 0);
-        number(&summary["force_n"], "peak")
-    });
+    let peaks = [text.clone(), smooth, [before, after].concat()].map(|text| peak_n(&text));
     // 1.5 mm on two springs of 1000 N/m in a row; the console's own friction takes 0.15 N at most.
     assert!((0.6..0.76).contains(&peaks[1]), "{peaks:?}");
     // Friction adds its fifth across.
