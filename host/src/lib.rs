@@ -11,7 +11,6 @@ pub mod collide;
 mod columns;
 mod contact;
 pub mod core_time;
-mod dense;
 pub mod event;
 pub mod fem;
 mod hash;

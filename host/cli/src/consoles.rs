@@ -48,7 +48,6 @@ The board has the image sutura-selftest-BOARD of `cargo xtask firmware`, its jum
 
 Exit codes: 0 all passed, 1 something failed, 3 nothing on PORT answers as a self-test.";
 
-#[cfg(feature = "log")]
 const LOG_EXAMPLES: &str = "\
 Examples:
   sutura device log 0043002B3438510B32363530                                   what that console logs, until Ctrl-C
@@ -74,7 +73,6 @@ enum DeviceCommand {
         out: Option<PathBuf>,
     },
     /// What a console on USB logs, until Ctrl-C.
-    #[cfg(feature = "log")]
     #[command(after_help = LOG_EXAMPLES)]
     Log {
         /// The console's serial number: see `sutura device list`.
@@ -109,7 +107,6 @@ pub fn run(args: &DeviceArgs, global: &Global) -> Result<(), Failure> {
             let report = listen(open, || open_serial(&name).ok(), say)?;
             judge(&report, port, out.as_deref(), global)
         }
-        #[cfg(feature = "log")]
         DeviceCommand::Log { serial, elf } => log::run(serial, elf.as_deref(), global),
     }
 }
@@ -165,6 +162,20 @@ mod log {
             _ => Cause::NoConsole,
         };
         Failure::new(cause, error)
+    }
+}
+
+#[cfg(not(feature = "log"))]
+mod log {
+    //! In the place of a console's log in a build without it.
+
+    use super::*;
+
+    /// Says why there is none.
+    pub fn run(_: &str, _: Option<&Path>, _: &Global) -> Result<(), Failure> {
+        let message = "this program was built without a console's log in words";
+        let help = "build it with the Cargo feature `log`: cargo run --release --features log";
+        Err(Failure::say(Cause::BadInput, message, help))
     }
 }
 

@@ -1,24 +1,13 @@
 //! Sparse Cholesky factor of a stiffness matrix, and solves that reuse their buffers.
 //!
 //! Entry points: [`Factor::new`], [`Factor::refactor`], [`Factor::solve`], [`Factor::solve_columns`].
-//! faer's supernodal LLT with AMD ordering on one thread: two threads are slower below some ten
-//! thousand nodes, and one gives the same bits always. One right-hand side, or few that are sparse, are
-//! solved by our own sweeps over its supernodes.
+//! One right-hand side, or few that are sparse, are solved by our own sweeps over the factor's supernodes.
 
 use super::error::TissueError;
 use super::pattern::Pattern;
-use super::supernodes::{Supernodes, SweepScratch};
 use crate::work;
-use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
-use faer::linalg::cholesky::llt::factor::LltRegularization;
-use faer::sparse::linalg::SupernodalThreshold;
-use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering,
-    factorize_symbolic_cholesky,
-};
-use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
-use faer::{Conj, MatMut, Par, Side};
 use std::sync::Arc;
+use sutura_factor::{Cholesky, Indefinite, Scratch, Supernodes, SweepScratch};
 use sutura_models::memory::{self, Shortage};
 
 /// `L L' = P K P'`. Copies share what depends on the pattern only.
@@ -31,7 +20,7 @@ pub(crate) struct Factor {
 /// What depends on the pattern only.
 #[derive(Debug)]
 struct Symbolic {
-    cholesky: SymbolicCholesky<usize>,
+    cholesky: Cholesky,
     supernodes: Supernodes,
 }
 
@@ -58,7 +47,7 @@ const FACTOR: &str = "the factor of its stiffness";
 
 /// Memory for solves of up to a given number of right-hand sides.
 pub struct SolveScratch {
-    memory: MemBuffer,
+    memory: Scratch,
     columns: usize,
     sweep: SweepScratch<1>,
 }
@@ -68,7 +57,7 @@ pub(crate) type ColumnScratch = SweepScratch<3>;
 
 /// Memory for [`Factor::refactor`].
 pub(crate) struct RefactorScratch {
-    memory: MemBuffer,
+    memory: Scratch,
     /// Of the next factor, so that one that fails leaves the last.
     values: Vec<f64>,
 }
@@ -81,25 +70,16 @@ impl Factor {
         work::begin("finding an order of elimination", || {
             format!("{nodes} free nodes")
         });
-        let cholesky = factorize_symbolic_cholesky(
-            symbolic_matrix(pattern),
-            Side::Lower,
-            SymmetricOrdering::Amd,
-            CholeskySymbolicParams {
-                supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
-                ..Default::default()
-            },
-        )
-        .map_err(|_| short(4 * size_of::<usize>() * pattern.entries()))?;
+        let cholesky = Cholesky::analyse(pattern.lower())
+            .map_err(|_| short(4 * size_of::<usize>() * pattern.entries()))?;
         let supernodes = Supernodes::new(&cholesky).ok_or(NotFactored::Indefinite)?;
         let symbolic = Symbolic {
             cholesky,
             supernodes,
         };
-        let entries = symbolic.cholesky.len_val();
-        let scratch = symbolic.refactor_need();
+        let entries = symbolic.cholesky.entries();
         let bytes = size_of::<f64>() * entries;
-        let all = bytes * need.copies.max(1) + scratch.unaligned_bytes_required();
+        let all = bytes * need.copies.max(1) + symbolic.cholesky.factor_bytes();
         memory::require(FACTOR, all as u64 + need.beside_bytes)?;
         work::begin("factoring the stiffness", || {
             format!(
@@ -109,8 +89,12 @@ impl Factor {
             )
         });
         let mut values_of_factor = memory::zeros(FACTOR, entries)?;
-        let mut memory = MemBuffer::try_new(scratch).map_err(|_| short(all))?;
-        symbolic.factor(pattern, values, &mut values_of_factor, &mut memory)?;
+        let mut memory = (symbolic.cholesky)
+            .try_factor_scratch()
+            .map_err(|_| short(all))?;
+        symbolic
+            .cholesky
+            .factor(pattern.lower(), values, &mut values_of_factor, &mut memory)?;
         Ok(Self {
             values: values_of_factor,
             symbolic: Arc::new(symbolic),
@@ -152,7 +136,7 @@ impl Factor {
     /// As much memory as [`Self::new`] has found once already.
     pub fn refactor_scratch(&self) -> RefactorScratch {
         RefactorScratch {
-            memory: MemBuffer::new(self.symbolic.refactor_need()),
+            memory: self.symbolic.cholesky.factor_scratch(),
             values: vec![0.0; self.values.len()],
         }
     }
@@ -168,18 +152,15 @@ impl Factor {
             memory,
             values: next,
         } = scratch;
-        self.symbolic.factor(pattern, values, next, memory)?;
+        let cholesky = &self.symbolic.cholesky;
+        cholesky.factor(pattern.lower(), values, next, memory)?;
         std::mem::swap(&mut self.values, &mut scratch.values);
         Ok(())
     }
 
     pub fn scratch(&self, columns: usize) -> SolveScratch {
-        let need = self
-            .symbolic
-            .cholesky
-            .solve_in_place_scratch::<f64>(columns, Par::Seq);
         SolveScratch {
-            memory: MemBuffer::new(need),
+            memory: self.symbolic.cholesky.solve_scratch(columns),
             columns,
             sweep: self.symbolic.supernodes.scratch(),
         }
@@ -199,12 +180,7 @@ impl Factor {
         if columns > scratch.columns {
             *scratch = self.scratch(columns);
         }
-        LltRef::new(cholesky, &self.values).solve_in_place_with_conj(
-            Conj::No,
-            MatMut::from_column_major_slice_mut(rhs, cholesky.nrows(), columns),
-            Par::Seq,
-            MemStack::new(&mut scratch.memory),
-        );
+        cholesky.solve(&self.values, rhs, &mut scratch.memory);
     }
 
     /// What [`Self::solve_columns`] must visit so that these `unknowns` can be read afterwards.
@@ -239,35 +215,6 @@ impl Factor {
     }
 }
 
-impl Symbolic {
-    fn refactor_need(&self) -> StackReq {
-        self.cholesky
-            .factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default())
-    }
-
-    /// The factor of `values` into `out`.
-    fn factor(
-        &self,
-        pattern: &Pattern,
-        values: &[f64],
-        out: &mut [f64],
-        memory: &mut MemBuffer,
-    ) -> Result<(), NotFactored> {
-        self.cholesky
-            .factorize_numeric_llt(
-                out,
-                SparseColMatRef::new(symbolic_matrix(pattern), values),
-                Side::Lower,
-                LltRegularization::default(),
-                Par::Seq,
-                MemStack::new(memory),
-                Default::default(),
-            )
-            .map(|_| ())
-            .map_err(|_| NotFactored::Indefinite)
-    }
-}
-
 impl NotFactored {
     /// The same of tissue with so many nodes fixed.
     fn of_tissue(self, fixed: usize) -> TissueError {
@@ -275,6 +222,12 @@ impl NotFactored {
             NotFactored::Indefinite => TissueError::Floating { fixed },
             NotFactored::TooLarge(shortage) => shortage.into(),
         }
+    }
+}
+
+impl From<Indefinite> for NotFactored {
+    fn from(_: Indefinite) -> Self {
+        NotFactored::Indefinite
     }
 }
 
@@ -291,11 +244,6 @@ fn short(bytes: usize) -> NotFactored {
         needed_bytes: bytes as u64,
         available_bytes: memory::available_bytes().unwrap_or_default(),
     })
-}
-
-fn symbolic_matrix(pattern: &Pattern) -> SymbolicSparseColMatRef<'_, usize> {
-    let n = pattern.unknowns;
-    SymbolicSparseColMatRef::new_checked(n, n, &pattern.column_start, None, &pattern.row)
 }
 
 #[cfg(test)]

@@ -19,7 +19,6 @@ mod numbering;
 mod pattern;
 mod principal;
 mod rotation;
-mod supernodes;
 mod tissue;
 
 pub use corotational::{

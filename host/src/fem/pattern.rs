@@ -3,6 +3,7 @@
 //! Entry points: [`Pattern::new`], [`Pattern::add_cell`], which allocates nothing.
 
 use nalgebra::Matrix3;
+use sutura_factor::Lower;
 
 /// Marks a block with a fixed node, which is not kept.
 const NOT_KEPT: u32 = u32::MAX;
@@ -110,6 +111,14 @@ impl Pattern {
             column_start,
             row,
             blocks: Vec::new(),
+        }
+    }
+
+    /// Where the triangle has entries.
+    pub fn lower(&self) -> Lower<'_> {
+        Lower {
+            column_start: &self.column_start,
+            row: &self.row,
         }
     }
 

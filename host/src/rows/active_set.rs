@@ -9,7 +9,7 @@ use super::scaled::{Law, Scaled};
 use super::state::Mode;
 use super::workspace::{Finish, RowFlag, Vectors, Workspace};
 use super::{Problem, RowKind, TOLERANCE};
-use crate::dense::{solve_lower, solve_lower_transposed, subtract_product};
+use sutura_factor::{solve_lower, solve_lower_transposed, subtract_product};
 
 /// Added to the unit diagonal of dependent rows: half the digits for the solution, half for what
 /// makes it unique.

@@ -5,7 +5,7 @@ use super::residual::{gaps, residuals};
 use super::scaled::{Law, Scaled};
 use super::state::{Mode, State, Warm};
 use super::{Outcome, Problem, Status, TOLERANCE};
-use crate::dense::{Dense, Lu, prepare_thread};
+use sutura_factor::{Dense, Lu, prepare_thread};
 
 /// What is wrong with a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -8,7 +8,6 @@
 //! [`crate::source::tool::Turning`]); where nothing else slides the matrix is symmetric, and a Cholesky factor does.
 
 use super::balance::{Balance, BalanceWork};
-use crate::dense::{Dense, Lu};
 use crate::jaws::Gripped;
 use crate::needle::{Curve, Point, Tip, What, friction_of};
 use crate::rows::{Mode, RowKind};
@@ -16,6 +15,7 @@ use crate::source::tool::{Contact, Load, Touched, Turns};
 use crate::thread::EndRows;
 use crate::tool::ToolSample;
 use nalgebra::{Matrix6, Vector3, Vector6};
+use sutura_factor::{Dense, Lu};
 
 /// Scratch for so many rows.
 pub(crate) struct TangentWork {

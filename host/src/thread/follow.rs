@@ -9,9 +9,9 @@
 use super::model::ThreadPart;
 use super::segments::Segment;
 use super::state::{ThreadState, Weakest};
-use crate::dense::Lu;
 use crate::rows::Mode;
 use std::ops::Range;
+use sutura_factor::Lu;
 
 /// Most rows on lengths of one thread that are looked at together; the bounds of more follow solve by solve.
 const MOST_ROWS: usize = 128;

@@ -15,8 +15,10 @@ use crate::{Format, bench, book, firmware, locks, python, setup};
 use anyhow::{Context, Result, bail};
 use report::{Kind, Report};
 
-/// Cargo features that only tests need: those that run the firmware's image under QEMU, and the bench's program.
-pub const TEST_FEATURES: &str = "sutura/qemu-tests,sutura-hil/qemu-tests,sutura-hil/bench";
+/// Cargo features of a build that is tested: all that is optional, what runs the firmware's image under QEMU, and the
+/// bench's program.
+pub const TEST_FEATURES: &str =
+    "sutura/full,sutura/qemu-tests,sutura-hil/qemu-tests,sutura-hil/bench";
 
 /// What the test runner calls its report: see `.config/nextest.toml`.
 const TEST_REPORT: &str = "junit.xml";
@@ -113,7 +115,7 @@ fn steps(report: &mut Report, cases: Cases) {
     // than they say.
     let alone = || {
         let command = "cargo clippy -p sutura --bins --locked --no-default-features";
-        ["top", "foxglove"]
+        ["top", "foxglove", "log"]
             .map(|feature| Tool::new(command).arg("--features").arg(feature))
             .into_iter()
             .chain([

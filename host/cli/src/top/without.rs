@@ -15,7 +15,7 @@ fn missing() -> Failure {
     Failure::say(
         Cause::BadInput,
         message,
-        "build it with the Cargo feature `top`",
+        "build it with the Cargo feature `top`: cargo run --release --features top",
     )
 }
 

@@ -23,7 +23,8 @@ impl Live {
             return Ok(None);
         }
         let message = "this program was built without live channels";
-        let help = "build it with the Cargo feature `foxglove`";
+        let help =
+            "build it with the Cargo feature `foxglove`: cargo run --release --features foxglove";
         Err(Failure::say(Cause::BadInput, message, help))
     }
 

@@ -76,20 +76,14 @@ pub(super) fn visit<S, T, F, const L: usize>(
     F: Form<S, T>,
 {
     let [first, second, third] = cells.runs.clone();
-    if memory.stress.is_empty() {
-        run::<S, T, F, L, 0, false>(simd, cells, first, memory, form);
-        run::<S, T, F, L, 1, false>(simd, cells, second, memory, form);
-        run::<S, T, F, L, 2, false>(simd, cells, third, memory, form);
-    } else {
-        run::<S, T, F, L, 0, true>(simd, cells, first, memory, form);
-        run::<S, T, F, L, 1, true>(simd, cells, second, memory, form);
-        run::<S, T, F, L, 2, true>(simd, cells, third, memory, form);
-    }
+    run::<S, T, F, L, 0>(simd, cells, first, memory, form);
+    run::<S, T, F, L, 1>(simd, cells, second, memory, form);
+    run::<S, T, F, L, 2>(simd, cells, third, memory, form);
 }
 
 /// Batches of one law: 0 St Venant-Kirchhoff, 1 neo-Hookean, 2 fibred.
 #[inline(always)]
-fn run<S, T, F, const L: usize, const LAW: u8, const MEMORY: bool>(
+fn run<S, T, F, const L: usize, const LAW: u8>(
     simd: S,
     cells: &Cells<T, L>,
     batches: std::ops::Range<usize>,
@@ -115,7 +109,7 @@ fn run<S, T, F, const L: usize, const LAW: u8, const MEMORY: bool>(
                     &batch.nodes[3][from..to],
                 ],
             };
-            let found = one::<S, T, F, L, LAW, MEMORY>(simd, batch, group, memory, form);
+            let found = one::<S, T, F, L, LAW>(simd, batch, group, memory, form);
             form.take(group, found);
         }
     }
@@ -169,7 +163,7 @@ where
 }
 
 #[inline(always)]
-fn one<S, T, F, const L: usize, const LAW: u8, const MEMORY: bool>(
+fn one<S, T, F, const L: usize, const LAW: u8>(
     simd: S,
     batch: &Batch<T, L>,
     group: Group<'_>,
@@ -197,9 +191,10 @@ where
         (_, true) => neo_hookean::<S, _, true, true>(&h, &moduli),
         (_, false) => neo_hookean::<S, _, true, false>(&h, &moduli),
     };
-    if MEMORY {
+    // Asked here, not by a second copy of this function for each law: those took as long to compile as all else.
+    if let Some(stress) = memory.stress.get(group.batch) {
         let mut terms = [energy; 6];
-        for (term, stored) in terms.iter_mut().zip(&memory.stress[group.batch]) {
+        for (term, stored) in terms.iter_mut().zip(stress) {
             *term = T::Number::load(simd, &stored[from..]);
         }
         let [xx, yy, zz, yz, xz, xy] = terms;

@@ -1,21 +1,12 @@
 //! Sparse Cholesky factor of the tangent, with the rows of held nodes taken out.
 //!
-//! Entry points: [`Factor::new`], [`Factor::factor`], [`Factor::solve`]. faer's supernodal LLT with AMD
-//! ordering on one thread. A held unknown keeps its row, with nothing but a diagonal: one analysis serves
-//! every set of held nodes.
+//! Entry points: [`Factor::new`], [`Factor::factor`], [`Factor::solve`]. A held unknown keeps its row,
+//! with nothing but a diagonal: one analysis serves every set of held nodes.
 
 use super::pattern::Pattern;
 use crate::BuildError;
 use crate::memory::{self, Shortage};
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt::factor::LltRegularization;
-use faer::sparse::linalg::SupernodalThreshold;
-use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering,
-    factorize_symbolic_cholesky,
-};
-use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
-use faer::{Conj, MatMut, Par, Side};
+use sutura_factor::{Cholesky, Scratch};
 
 /// Right-hand sides that are solved for together at most.
 const COLUMNS: usize = 3;
@@ -28,11 +19,12 @@ const MOST_SHIFTS: i32 = 10;
 const FACTOR: &str = "the factor of its tangent";
 
 pub(super) struct Factor {
-    symbolic: SymbolicCholesky<usize>,
+    cholesky: Cholesky,
     values: Vec<f64>,
     /// The matrix without held rows, (entries of the pattern).
     reduced: Vec<f64>,
-    scratch: MemBuffer,
+    to_factor: Scratch,
+    to_solve: Scratch,
 }
 
 impl Factor {
@@ -42,27 +34,19 @@ impl Factor {
             needed_bytes: bytes as u64,
             available_bytes: memory::available_bytes().unwrap_or_default(),
         };
-        let symbolic = factorize_symbolic_cholesky(
-            symbolic_matrix(pattern),
-            Side::Lower,
-            SymmetricOrdering::Amd,
-            CholeskySymbolicParams {
-                supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
-                ..Default::default()
-            },
-        )
-        .map_err(|_| too_large(4 * size_of::<usize>() * pattern.entries()))?;
-        let need = symbolic
-            .factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default())
-            .or(symbolic.solve_in_place_scratch::<f64>(COLUMNS, Par::Seq));
-        let bytes = size_of::<f64>() * (symbolic.len_val() + pattern.entries())
-            + need.unaligned_bytes_required();
+        let cholesky = Cholesky::analyse(pattern.lower())
+            .map_err(|_| too_large(4 * size_of::<usize>() * pattern.entries()))?;
+        let bytes =
+            size_of::<f64>() * (cholesky.entries() + pattern.entries()) + cholesky.factor_bytes();
         memory::require(FACTOR, bytes as u64)?;
         Ok(Self {
-            values: memory::zeros(FACTOR, symbolic.len_val())?,
+            values: memory::zeros(FACTOR, cholesky.entries())?,
             reduced: memory::zeros(FACTOR, pattern.entries())?,
-            scratch: MemBuffer::try_new(need).map_err(|_| too_large(bytes))?,
-            symbolic,
+            to_factor: cholesky
+                .try_factor_scratch()
+                .map_err(|_| too_large(bytes))?,
+            to_solve: cholesky.solve_scratch(COLUMNS),
+            cholesky,
         })
     }
 
@@ -107,32 +91,18 @@ impl Factor {
     }
 
     fn numeric(&mut self, pattern: &Pattern) -> bool {
-        self.symbolic
-            .factorize_numeric_llt(
+        self.cholesky
+            .factor(
+                pattern.lower(),
+                &self.reduced,
                 &mut self.values,
-                SparseColMatRef::new(symbolic_matrix(pattern), &self.reduced),
-                Side::Lower,
-                LltRegularization::default(),
-                Par::Seq,
-                MemStack::new(&mut self.scratch),
-                Default::default(),
+                &mut self.to_factor,
             )
             .is_ok()
     }
 
     /// Solves in place for right-hand sides one after the other, (columns x unknowns), three at most.
     pub fn solve(&mut self, rhs: &mut [f64]) {
-        let n = self.symbolic.nrows();
-        LltRef::new(&self.symbolic, &self.values).solve_in_place_with_conj(
-            Conj::No,
-            MatMut::from_column_major_slice_mut(rhs, n, rhs.len() / n),
-            Par::Seq,
-            MemStack::new(&mut self.scratch),
-        );
+        self.cholesky.solve(&self.values, rhs, &mut self.to_solve);
     }
-}
-
-fn symbolic_matrix(pattern: &Pattern) -> SymbolicSparseColMatRef<'_, usize> {
-    let n = pattern.unknowns;
-    SymbolicSparseColMatRef::new_checked(n, n, &pattern.column_start, None, &pattern.row)
 }

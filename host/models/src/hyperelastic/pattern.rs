@@ -4,6 +4,7 @@
 //! node); [`Pattern::new`]; [`Pattern::add`], which allocates nothing.
 
 use nalgebra::{Matrix3, Vector3};
+use sutura_factor::Lower;
 
 /// Lists of nodes, one after the other.
 #[derive(Clone, Debug, Default)]
@@ -103,6 +104,14 @@ impl Pattern {
             row,
             blocks,
             first_block,
+        }
+    }
+
+    /// Where the triangle has entries.
+    pub fn lower(&self) -> Lower<'_> {
+        Lower {
+            column_start: &self.column_start,
+            row: &self.row,
         }
     }
 

@@ -8,9 +8,9 @@
 
 use super::{Contact, Load, ToolContacts, TouchingTools, Turning};
 use crate::anchors::{ConstraintSet, ConstraintSystem};
-use crate::dense::Lu;
 use crate::step::{MAX_TOOL_ROWS, ToolRowKind, ToolRows};
 use nalgebra::{Matrix6, Vector2, Vector3};
+use sutura_factor::Lu;
 
 /// Rows of a cone.
 const AXES: usize = 3;

@@ -9,8 +9,8 @@
 use super::Contact;
 use super::turning::{Slider, Turning};
 use crate::anchors::{ConstraintSet, ConstraintSystem};
-use crate::dense::{add_product, solve_lower, subtract_product};
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
+use sutura_factor::{add_product, solve_lower, subtract_product};
 
 /// Motions of a tool.
 const POSES: usize = 6;

@@ -11,8 +11,8 @@
 
 use super::{Contact, ToolContacts, TouchingTools};
 use crate::anchors::{ConstraintSet, ConstraintSystem, PointConstraint};
-use crate::dense::{Dense, add_product, solve_lower, solve_lower_transposed, subtract_product};
 use nalgebra::{Matrix2, Matrix3, Matrix6, Vector3};
+use sutura_factor::{Dense, add_product, solve_lower, solve_lower_transposed, subtract_product};
 
 /// Springs at normals, in stiffnesses of their rows.
 const SPRING: f64 = 100.0;

@@ -3,6 +3,7 @@
 //! Entry points: [`Dense`] for symmetric positive definite matrices and [`Lu`] for any; each owns the
 //! scratch of faer's factorisation, so that nothing allocates.
 
+use crate::Indefinite;
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::cholesky::llt::{factor, solve};
 use faer::linalg::lu::partial_pivoting as lu;
@@ -10,15 +11,13 @@ use faer::linalg::{matmul::matmul, triangular_solve};
 use faer::perm::PermRef;
 use faer::{Accum, MatMut, MatRef, Par};
 
-/// The matrix is not positive definite.
-pub(crate) struct Indefinite;
-
 /// Scratch for matrices of up to a given size.
-pub(crate) struct Dense {
+pub struct Dense {
     memory: MemBuffer,
 }
 
 impl Dense {
+    /// For matrices of up to `largest` x `largest`.
     pub fn new(largest: usize) -> Self {
         let need = StackReq::any_of(&[
             factor::cholesky_in_place_scratch::<f64>(largest, Par::Seq, Default::default()),
@@ -30,6 +29,9 @@ impl Dense {
     }
 
     /// Replaces the lower triangle of `a` (n x n) by its Cholesky factor.
+    ///
+    /// # Errors
+    /// If it is not positive definite.
     pub fn factor(&mut self, a: &mut [f64], n: usize) -> Result<(), Indefinite> {
         let regularization = factor::LltRegularization::default();
         let stack = MemStack::new(&mut self.memory);
@@ -51,7 +53,7 @@ impl Dense {
 }
 
 /// `x = L^-1 x` for the factor L (n x n) of [`Dense::factor`] and x (n x columns).
-pub(crate) fn solve_lower(factor: &[f64], n: usize, x: &mut [f64], columns: usize) {
+pub fn solve_lower(factor: &[f64], n: usize, x: &mut [f64], columns: usize) {
     triangular_solve::solve_lower_triangular_in_place(
         MatRef::from_column_major_slice(factor, n, n),
         MatMut::from_column_major_slice_mut(x, n, columns),
@@ -60,7 +62,7 @@ pub(crate) fn solve_lower(factor: &[f64], n: usize, x: &mut [f64], columns: usiz
 }
 
 /// `x = L^-T x` for the factor L (n x n) of [`Dense::factor`] and x (n x columns).
-pub(crate) fn solve_lower_transposed(factor: &[f64], n: usize, x: &mut [f64], columns: usize) {
+pub fn solve_lower_transposed(factor: &[f64], n: usize, x: &mut [f64], columns: usize) {
     triangular_solve::solve_upper_triangular_in_place(
         MatRef::from_column_major_slice(factor, n, n).transpose(),
         MatMut::from_column_major_slice_mut(x, n, columns),
@@ -69,17 +71,12 @@ pub(crate) fn solve_lower_transposed(factor: &[f64], n: usize, x: &mut [f64], co
 }
 
 /// `c -= a' b` for a (k x m), b (k x n) and c (m x n).
-pub(crate) fn subtract_product(
-    a: &[f64],
-    b: &[f64],
-    c: &mut [f64],
-    (k, m, n): (usize, usize, usize),
-) {
+pub fn subtract_product(a: &[f64], b: &[f64], c: &mut [f64], (k, m, n): (usize, usize, usize)) {
     add_product(-1.0, a, b, c, (k, m, n));
 }
 
 /// `c += scale a' b` for a (k x m), b (k x n) and c (m x n).
-pub(crate) fn add_product(
+pub fn add_product(
     scale: f64,
     a: &[f64],
     b: &[f64],
@@ -97,13 +94,14 @@ pub(crate) fn add_product(
 }
 
 /// Scratch and pivots for LU factors of matrices of up to a given size.
-pub(crate) struct Lu {
+pub struct Lu {
     memory: MemBuffer,
     forward: Vec<usize>,
     inverse: Vec<usize>,
 }
 
 impl Lu {
+    /// For matrices of up to `largest` x `largest`.
     pub fn new(largest: usize) -> Self {
         let need = StackReq::any_of(&[
             lu::factor::lu_in_place_scratch::<usize, f64>(
@@ -149,7 +147,7 @@ impl Lu {
 }
 
 /// Makes faer's packing buffer of this thread, which its first large product would allocate.
-pub(crate) fn prepare_thread() {
+pub fn prepare_thread() {
     const SIZE: usize = 64;
     let (a, mut c) = (vec![0.0; SIZE * SIZE], vec![0.0; SIZE * SIZE]);
     subtract_product(&a, &a, &mut c, (SIZE, SIZE, SIZE));

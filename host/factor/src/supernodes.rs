@@ -7,7 +7,8 @@
 //! entry. Sums run in a fixed order with explicit fused multiply-adds: one set of bits on every
 //! processor, whatever else is solved beside it.
 
-use faer::sparse::linalg::cholesky::{SymbolicCholesky, SymbolicCholeskyRaw};
+use crate::Cholesky;
+use faer::sparse::linalg::cholesky::SymbolicCholeskyRaw;
 use pulp::bytemuck::cast;
 use pulp::{Arch, Simd, WithSimd};
 
@@ -18,7 +19,7 @@ const QUAD: usize = 4;
 
 /// Where each supernode's rows and values lie, and which column of the matrix is which.
 #[derive(Debug)]
-pub(super) struct Supernodes {
+pub struct Supernodes {
     /// First column of each supernode, and the end of the last, (s + 1).
     begin: Vec<u32>,
     /// Where its rows below the diagonal block begin in `rows`, (s + 1).
@@ -37,9 +38,9 @@ pub(super) struct Supernodes {
     arch: Arch,
 }
 
-/// Buffers of a solve.
-#[derive(Clone)]
-pub(crate) struct SweepScratch<const K: usize> {
+/// Buffers of a solve for K right-hand sides.
+#[derive(Clone, Debug)]
+pub struct SweepScratch<const K: usize> {
     /// Right-hand sides in the factor's order, one after the other, (K x n).
     x: Vec<f64>,
     /// Rows of one supernode side by side, (K x most height).
@@ -50,7 +51,8 @@ pub(crate) struct SweepScratch<const K: usize> {
 
 impl Supernodes {
     /// `None` for a factor that has no supernodes.
-    pub fn new(symbolic: &SymbolicCholesky<usize>) -> Option<Self> {
+    pub fn new(cholesky: &Cholesky) -> Option<Self> {
+        let symbolic = &cholesky.symbolic;
         let SymbolicCholeskyRaw::Supernodal(raw) = symbolic.raw() else {
             return None;
         };
@@ -102,6 +104,7 @@ impl Supernodes {
         self.parent.len()
     }
 
+    /// Buffers for K right-hand sides.
     pub fn scratch<const K: usize>(&self) -> SweepScratch<K> {
         SweepScratch {
             x: vec![0.0; K * self.at_place.len()],
