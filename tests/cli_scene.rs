@@ -148,6 +148,35 @@ fn the_text_says_the_same_for_people() {
     );
 }
 
+/// The board of the scene's device has time for 40 frames of rows a second, and is asked for 60.
+#[test]
+fn a_session_says_what_the_board_has_time_for_and_sends_no_more() {
+    let folder = tempfile::tempdir().expect("a directory");
+    let read = |path: &str| std::fs::read_to_string(root().join(path)).expect("it ships");
+    let slow = format!(
+        "board_rows_hz = 40.0\n{}",
+        read("devices/cartesian-bench.toml")
+    );
+    std::fs::write(folder.path().join("slow.toml"), slow).expect("writable");
+    let scene = read("scenes/palpation.toml");
+    let scene = scene.replace("\"cartesian-bench\"", "\"slow.toml\"");
+    std::fs::write(folder.path().join("scene.toml"), scene).expect("writable");
+    let run = |more: &[&str]| {
+        let words = ["run", "scene.toml", "--lockstep", "--seconds", "0.05"];
+        let ran = sutura_in(folder.path(), &[&words, more].concat());
+        assert_eq!(ran.code, 0, "{}", ran.stderr);
+        ran
+    };
+    let summary = json(&run(&["--host-hz", "60", "--format", "json"]));
+    assert_eq!(summary["board_rows_hz"], 40.0);
+    let most = summary["most_rows"].as_u64();
+    assert!(most >= Some(12) && most < Some(24), "{most:?}");
+    let said = run(&["--host-hz", "40"]).stdout;
+    let words =
+        "time for 40 frames of 24 rows a second, by its device file: up to 24 a frame at 40 Hz";
+    assert!(said.contains(words), "{said}");
+}
+
 /// The held punch presses on the tissue all the time that the console's sphere goes about; both share the
 /// step's rows.
 #[test]

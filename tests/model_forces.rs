@@ -87,7 +87,7 @@ fn plan(scene: &Scene, rendering: Rendering) -> Plan {
     // As long as a console takes at this rate.
     let horizon_us = (3e6 / host_hz).clamp(60e3, 150e3) as u32;
     Plan {
-        device: scene.device.unwrap(),
+        device: scene.device.unwrap().description,
         hand: scene.hand.unwrap(),
         host_hz,
         seconds: scene.seconds,

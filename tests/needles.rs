@@ -343,7 +343,7 @@ fn watch_with(solver: SceneSolver, scene: &Scene, seconds: f64) -> (Watched, Tap
         steps: Vec::new(),
     };
     let plan = Plan {
-        device: scene.device.unwrap(),
+        device: scene.device.unwrap().description,
         hand: scene.hand.unwrap(),
         host_hz: scene.host.host_hz,
         seconds,

@@ -41,7 +41,7 @@ fn read_scene(name: &str) -> (Scene, Sources) {
 
 fn plan(scene: &Scene, seconds: f64) -> Plan {
     Plan {
-        device: scene.device.unwrap(),
+        device: scene.device.unwrap().description,
         hand: scene.hand.unwrap(),
         host_hz: scene.host.host_hz,
         seconds,

@@ -332,7 +332,7 @@ impl LockstepConsole for Tapped {
 
 fn plan(scene: &Scene) -> Plan {
     Plan {
-        device: scene.device.unwrap(),
+        device: scene.device.unwrap().description,
         hand: scene.hand.unwrap(),
         host_hz: scene.host.host_hz,
         seconds: scene.seconds,

@@ -119,7 +119,9 @@ pub fn force_at_rest() -> f64 {
 /// The built-in bench console.
 pub fn device() -> DeviceDescription {
     let (name, text) = BUILT_IN_DEVICES[0];
-    read_device(&Document::embedded(name, "".as_ref(), text)).expect("a built-in device is good")
+    read_device(&Document::embedded(name, "".as_ref(), text))
+        .expect("a built-in device is good")
+        .description
 }
 
 /// A session in which the hand comes from 10 mm above the plane, presses, and stays.

@@ -7,7 +7,8 @@
 //! | PD7, PD6 | joint 1's lower and upper end stop, contacts to 3.3 V that are closed between them | CN9 2, 4 |
 //! | PC3 | ADC2 channel 13: a motor's thermistor to ground, 10 kOhm to 3.3 V | CN9 5 (A2) |
 //!
-//! Its SPI waits for each byte: a unit of the chip that is dead holds the tick up until the watchdog resets the chip, and motors are off.
+//! Its SPI waits for a byte for so many clocks of the bus and no longer: a unit of the chip that is dead costs a tick 10 us, and is a broken
+//! sensor in the third.
 //!
 //! A board whose own they are has this in its file, as `Sensors`, and hands in its pins. Pedals, buttons and an encoder's index are not among
 //! them: version 1 of the protocol has nothing that would carry them.
@@ -16,14 +17,20 @@ use super::super::stm32f4::{Converter, Sampling, Sensed};
 use crate::drivers::analog::Thermistor;
 use crate::drivers::angle::AngleEncoder;
 use crate::drivers::lines::{EndStops, Reached};
+use crate::drivers::spi::Selected;
 use cortex_m::asm;
-use embedded_hal::spi::{ErrorType, MODE_1, Operation, SpiBus, SpiDevice};
+use embedded_hal::delay::DelayNs;
+use embedded_hal::spi::MODE_1;
 use stm32f4xx_hal::gpio::{Input, Output, PC3, PC10, PC11, PC12, PD2, PD6, PD7};
 use stm32f4xx_hal::rcc::Rcc;
-use stm32f4xx_hal::spi::{self, Spi};
+use stm32f4xx_hal::spi::Spi;
 use stm32f4xx_hal::{pac, prelude::*};
 use sutura_shared::device::JOINTS;
 
+/// Clock of the angle sensor's bus \[Hz\].
+const BUS_HZ: u32 = 5_000_000;
+/// Between its chip select and its clock, and between two frames \[ns\]: 350 (AS5047D data sheet, SPI timing), and some.
+const SETTLE_NS: u32 = 500;
 /// Most counts of the angle sensor in a tick: the axis' 2 m/s.
 const MOST_COUNTS: u16 = 400;
 /// From here on a motor is too hot \[degrees Celsius\].
@@ -33,7 +40,7 @@ const HOT_TICKS: u8 = 3;
 
 /// What is on it.
 pub struct Sensors {
-    angle: AngleEncoder<Selected>,
+    angle: AngleEncoder<Selected<Spi<pac::SPI3>, PD2<Output>, Pause>>,
     stops: EndStops<PD7<Input>, PD6<Input>>,
     motor: Thermistor<Converter<pac::ADC2>>,
     /// Ticks in a row.
@@ -51,10 +58,9 @@ impl Sensors {
         let (bus, clock, data_in, data_out, select) = bus;
         let pins = (Some(clock), Some(data_in), Some(data_out));
         let _pin = thermistor.into_analog();
-        let bus = Selected {
-            bus: Spi::new(bus, pins, MODE_1, 5.MHz(), rcc),
-            select: select.into_push_pull_output_in_state(stm32f4xx_hal::gpio::PinState::High),
-        };
+        let bus = Spi::new(bus, pins, MODE_1, BUS_HZ.Hz(), rcc);
+        let select = select.into_push_pull_output_in_state(stm32f4xx_hal::gpio::PinState::High);
+        let bus = Selected::new(bus, select, Pause, BUS_HZ, SETTLE_NS);
         Sensors {
             angle: AngleEncoder::new(bus, MOST_COUNTS),
             stops: EndStops::new(
@@ -80,42 +86,12 @@ impl Sensors {
     }
 }
 
-/// The bus with one device.
-struct Selected {
-    bus: Spi<pac::SPI3>,
-    select: PD2<Output>,
-}
+/// Waits in a loop of so many cycles.
+struct Pause;
 
-/// Half a microsecond: 350 ns between chip select and clock, and between two frames (AS5047D data sheet, SPI timing).
-fn pause() {
-    asm::delay(84);
-}
-
-impl ErrorType for Selected {
-    type Error = spi::Error;
-}
-
-impl SpiDevice for Selected {
-    fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), spi::Error> {
-        self.select.set_low();
-        pause();
-        let done = operations
-            .iter_mut()
-            .try_for_each(|operation| match operation {
-                Operation::Read(bytes) => SpiBus::read(&mut self.bus, bytes),
-                Operation::Write(bytes) => SpiBus::write(&mut self.bus, bytes),
-                Operation::Transfer(up, down) => SpiBus::transfer(&mut self.bus, up, down),
-                Operation::TransferInPlace(bytes) => {
-                    SpiBus::transfer_in_place(&mut self.bus, bytes)
-                }
-                Operation::DelayNs(ns) => {
-                    asm::delay(*ns / 6 + 1);
-                    Ok(())
-                }
-            });
-        pause();
-        self.select.set_high();
-        pause();
-        done
+impl DelayNs for Pause {
+    fn delay_ns(&mut self, ns: u32) {
+        // 168 cycles a microsecond.
+        asm::delay(ns.div_ceil(125) * 21);
     }
 }

@@ -35,7 +35,7 @@
 //!
 //! The chip has no random generator: [`session_seed`] takes noise, the chip's number and a count in RAM.
 
-use super::stm32f4::{Converter, Ports, Sampling, Wired, chip_id};
+use super::stm32f4::{Converter, Ports, Sampling, Wired, chip_id, encoder_pull};
 use crate::devices::capstan_stages;
 use crate::drivers::analog::{Channel, MotorSupply};
 use crate::drivers::lamp::{Lamp, Show};
@@ -43,7 +43,7 @@ use crate::seed::{Seeds, WORDS};
 use crate::signals::SetPoint;
 use core::mem::MaybeUninit;
 use embedded_hal::digital::PinState;
-use stm32f4xx_hal::gpio::{Input, Output, PB0, PB7, PB9, PB14, PG6, Pull};
+use stm32f4xx_hal::gpio::{Input, Output, PB0, PB7, PB9, PB14, PG6};
 use stm32f4xx_hal::rcc::{Config, Rcc};
 use stm32f4xx_hal::{pac, prelude::*, qei::Qei};
 use sutura_shared::device::DeviceDescription;
@@ -148,11 +148,15 @@ pub fn wire(
 ) -> Wired {
     let Ports { a, b, c, d, g } = ports;
     let encoder_1 = (
-        b.pb4.into_alternate::<2>().internal_resistor(Pull::None),
+        b.pb4
+            .into_alternate::<2>()
+            .internal_resistor(encoder_pull()),
         b.pb5,
     );
     let encoder_3 = (
-        a.pa15.into_alternate::<1>().internal_resistor(Pull::None),
+        a.pa15
+            .into_alternate::<1>()
+            .internal_resistor(encoder_pull()),
         a.pa1,
     );
     let _open = c.pc5.into_analog();

@@ -24,13 +24,13 @@
 //!
 //! Its clock is its crystal; random numbers are the chip's.
 
-use super::stm32f4::{NoSensors, Ports, Wired};
+use super::stm32f4::{NoSensors, Ports, Wired, encoder_pull};
 use crate::devices::capstan_stages;
 use crate::drivers::analog::MotorSupply;
 use crate::drivers::lamp::{Lamp, Show};
 use crate::signals::SetPoint;
 use embedded_hal::digital::PinState;
-use stm32f4xx_hal::gpio::{self, Input, Output, PB9, PC12, Pull};
+use stm32f4xx_hal::gpio::{self, Input, Output, PB9, PC12};
 use stm32f4xx_hal::rcc::{Config, Enable, Rcc};
 use stm32f4xx_hal::{pac, prelude::*, qei::Qei};
 use sutura_shared::device::DeviceDescription;
@@ -94,12 +94,18 @@ pub fn wire(
 ) -> Wired {
     let Ports { a, b, c, .. } = ports;
     let encoder_1 = (
-        b.pb4.into_alternate::<2>().internal_resistor(Pull::None),
+        b.pb4
+            .into_alternate::<2>()
+            .internal_resistor(encoder_pull()),
         a.pa7,
     );
     let encoder_3 = (
-        a.pa15.into_alternate::<1>().internal_resistor(Pull::None),
-        b.pb3.into_alternate::<1>().internal_resistor(Pull::None),
+        a.pa15
+            .into_alternate::<1>()
+            .internal_resistor(encoder_pull()),
+        b.pb3
+            .into_alternate::<1>()
+            .internal_resistor(encoder_pull()),
     );
     Wired {
         stop: a.pa6,

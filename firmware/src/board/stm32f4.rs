@@ -495,6 +495,15 @@ impl NoSensors {
     }
 }
 
+/// Of a pin with an encoder, which 5 V may reach: JTAG's have a resistor after a reset, and it may not stay.
+pub(super) fn encoder_pull() -> Pull {
+    if stands("pulls_off") {
+        Pull::None
+    } else {
+        Pull::Up
+    }
+}
+
 /// Writes a line of a self-test to the log; see [`log`].
 pub fn log_line(line: &str) {
     defmt::info!("{=str}", line);
@@ -540,7 +549,7 @@ impl crate::control_side::Plant for Plant {
         // A dip that comes between the two is seen by the next tick.
         let supply_low = SUPPLY_DIPPED.load(Ordering::Relaxed) || supply_is_low();
         SUPPLY_DIPPED.store(false, Ordering::Relaxed);
-        let wanted = !self.amplifiers.are_off();
+        let wanted = self.amplifiers.are_wanted();
         let unfit = |supply: &mut Supply<_>| supply.is_unfit(wanted);
         let unfit = self.motor_supply.as_mut().is_some_and(unfit) && stands("motor_supply");
         let supply_low = unfit || supply_low;
@@ -699,10 +708,11 @@ pub fn idle<T>(_: T, guard: &mut Guard, watch: &Watch) -> ! {
 /// Switches the supply detector on, at its level 5, and its interrupt.
 fn watch_supply(rcc: &mut Rcc, power: &pac::PWR, lines: &pac::EXTI) {
     rcc.apb1enr().modify(|_, w| w.pwren().set_bit());
-    // SAFETY: level 5 of 0 to 7 (RM0090, 5.4.1); only the detector's own bits change.
+    let level = if stands("supply_threshold") { 5 } else { 0 };
+    // SAFETY: a level of 0 to 7 (RM0090, 5.4.1); only the detector's own bits change.
     power
         .cr()
-        .modify(|_, w| unsafe { w.pls().bits(5).pvde().set_bit() });
+        .modify(|_, w| unsafe { w.pls().bits(level).pvde().set_bit() });
     // SAFETY: one line's bits among those of all; nobody else uses an external interrupt.
     unsafe {
         lines.rtsr().modify(|r, w| w.bits(r.bits() | SUPPLY_LINE));
@@ -749,7 +759,7 @@ pub fn start(
     // Option bits BOR_LEV, 0 = level 3.
     let flash_options = device.FLASH.optcr().read().bits();
     let brown_out = flash_options >> 2 & 0b11;
-    if brown_out != 0 {
+    if brown_out != 0 && stands("brown_out_told") {
         defmt::warn!(
             "brown-out level 3 is not set (BOR_LEV = {}, not 0): see the wiring page",
             brown_out

@@ -87,6 +87,11 @@ where
         self.phase == Phase::Off
     }
 
+    /// Whether they have been asked for. Not from the stop on, while the last pulses run: enable is low, and their supply may go.
+    pub fn are_wanted(&self) -> bool {
+        matches!(self.phase, Phase::Starting(_) | Phase::On)
+    }
+
     /// One tick: currents \[A\] to go to the motors, or `None` to stop. While they do not take currents none goes out.
     ///
     /// # Errors
@@ -318,10 +323,12 @@ mod tests {
     fn pulses_of_no_current_for_20_ms_then_enable_then_ready_then_currents() {
         use Call::{Duty, Enable, Outputs};
         let (lines, mut bench) = bench();
+        assert!(!bench.are_wanted());
         assert_eq!(
             tick(&lines, &mut bench, Some(5.0)),
             [Duty(0, NONE), Duty(1, NONE), Outputs(true)]
         );
+        assert!(bench.are_wanted());
         for _ in 1..20 {
             assert_eq!(tick(&lines, &mut bench, Some(5.0)), []);
             assert!(!bench.are_enabled());
@@ -353,9 +360,11 @@ mod tests {
             tick(&lines, &mut bench, Some(1.0));
         }
         let off = [Enable(false), Duty(0, NONE), Duty(1, NONE)];
+        assert!(bench.are_wanted());
         for _ in 0..20 {
             assert_eq!(tick(&lines, &mut bench, None), off);
             assert!(lines.borrow().outputs && !bench.are_off());
+            assert!(!bench.are_wanted(), "its supply may go");
         }
         for _ in 0..5 {
             let calls = tick(&lines, &mut bench, None);

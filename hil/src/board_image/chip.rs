@@ -161,6 +161,8 @@ pub struct Chip {
     pub starts: bool,
     /// The option bytes have the independent watchdog start with the chip.
     pub watchdog_by_option: bool,
+    /// Brown-out level in the option bytes, `BOR_LEV`: 0 is level 3, as consoles have it; 3 is off, as chips come.
+    pub brown_out: u32,
     /// Reads of the clock control while the crystal does not swing.
     pub waits_for_crystal: u32,
     stored: BTreeMap<u32, u32>,
@@ -204,6 +206,7 @@ impl Chip {
             window_runs: false,
             starts: true,
             watchdog_by_option: false,
+            brown_out: 0,
             waits_for_crystal: 0,
             stored: BTreeMap::new(),
             systick: 0x00FF_0000,
@@ -258,8 +261,11 @@ impl Chip {
             TIM7_SR => bit(self.tick_due, 0),
             TIM7_CNT => 0,
             PWR_CSR => self.stored(address) & !(1 << 2) | bit(self.lines.supply_low, 2),
-            // Bit WDG_SW (RM0090, 3.9.10).
-            FLASH_OPTCR if self.watchdog_by_option => self.stored(address) & !(1 << 5),
+            // BOR_LEV, and WDG_SW (RM0090, 3.9.10).
+            FLASH_OPTCR => {
+                let options = self.stored(address) & !(0b11 << 2) | self.brown_out << 2;
+                options & !bit(self.watchdog_by_option, 5)
+            }
             TIM8_SR => bit(self.tripped, 7),
             TIM8_BDTR if self.stop_open => self.stored(address) & !(1 << 15),
             GPIOA_IDR => bit(!self.stop_open, 6),
@@ -344,6 +350,8 @@ impl Chip {
                 (0x4002_0000, 0x28),
                 (0x4002_0400, 0x28),
                 (0x4002_0800, 0x28),
+                (0x4002_0C00, 0x28),
+                (0x4002_1800, 0x28),
                 (RCC_CR, 0x98),
                 (FLASH_OPTCR - 0x14, 0x18),
                 (RNG_SR - 4, 12),

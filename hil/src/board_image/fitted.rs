@@ -13,6 +13,8 @@ const SPI3_SR: u32 = 0x4000_3C08;
 pub const SPI3_DR: u32 = 0x4000_3C0C;
 /// A byte can be written, and one has come: the bus takes no time.
 const READY: u32 = 0b11;
+/// Neither, for ever: the unit has lost its clock, or is broken.
+const DEAD: u32 = 0;
 const GPIOD_IDR: u32 = 0x4002_0C10;
 const GPIOD_BSRR: u32 = 0x4002_0C18;
 /// PD2, set and reset.
@@ -34,6 +36,8 @@ pub struct Fitted {
     pub stops_closed: [bool; 2],
     /// What the line from the angle sensor is stuck at.
     pub stuck: Option<u16>,
+    /// The chip's SPI unit takes and gives nothing.
+    pub bus_dead: bool,
     /// Bytes of the present frame, and how many.
     frame: u16,
     bytes: u32,
@@ -48,6 +52,7 @@ impl Fitted {
         thermistor: 0.5,
         stops_closed: [true; 2],
         stuck: None,
+        bus_dead: false,
         frame: 0,
         bytes: 0,
         answer: 0,
@@ -73,6 +78,7 @@ impl Fitted {
             _ if address == ADC1 + SR || address == ADC2 + SR => END,
             _ if address == ADC1 + DR => reading(self.supply_v / SUPPLY_SCALE_V),
             _ if address == ADC2 + DR => reading(self.thermistor),
+            SPI3_SR if self.bus_dead => DEAD,
             SPI3_SR => READY,
             SPI3_DR => u32::from(answer[usize::from(self.bytes > 1)]),
             GPIOD_IDR => u32::from(lower) << 7 | u32::from(upper) << 6,

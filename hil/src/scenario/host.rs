@@ -101,7 +101,7 @@ impl ModelHost {
             World::Tissue(path) => {
                 let scene = scene::load(path)?;
                 hand = hand.or(scene.hand);
-                device = scene.device.unwrap_or(device);
+                device = scene.device.map_or(device, |own| own.description);
                 Box::new(SceneSolver::new(&scene)?)
             }
             analytic => world::solver(analytic),

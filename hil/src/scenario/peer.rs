@@ -115,7 +115,7 @@ impl Peer for InLockstep<'_> {
 pub fn native(without: Without) -> Result<InLockstep<'static>, PeerError> {
     let (name, text) = BUILT_IN_DEVICES[0];
     // As the image, whatever the scenario has: the host says what it is to be.
-    let device = read_device(&Document::embedded(name, "".as_ref(), text))?;
+    let device = read_device(&Document::embedded(name, "".as_ref(), text))?.description;
     InLockstep::new(ConsoleKind::Native, move |seed| {
         Ok(Box::new(NativeConsole::tuned(&device, seed, without)?))
     })

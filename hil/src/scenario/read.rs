@@ -77,10 +77,10 @@ impl Scenario {
         let seconds = c.within("seconds", &file.seconds, 0.01, LONGEST_S, "s")?;
         let ticks = (seconds * 1e3).round() as Ticks;
         let device = match &file.device {
-            Some(device) => find_device(document, device)?,
+            Some(device) => find_device(document, device)?.description,
             None => {
                 let (name, text) = BUILT_IN_DEVICES[0];
-                read_device(&Document::embedded(name, Path::new(""), text))?
+                read_device(&Document::embedded(name, Path::new(""), text))?.description
             }
         };
         let hand = file

@@ -29,30 +29,33 @@ pub(super) fn a_motors_supply_that_is_unfit_under_power_is_a_fault(on: On) {
         bench.tick();
         recover(&mut bench);
     }
-    // Once the pulses have ended, 20 ms after it is disarmed.
+    // It goes with the tick that disarms, while the last pulses run: nobody wants it any more.
     bench.say(&Command::Disarm);
-    for tick in 0..60 {
-        if tick == 25 {
-            on_it(&mut bench).supply_v = 0.0;
-        }
-        bench.tick();
+    assert_eq!(bench.tick().mode, Mode::Idle);
+    assert!(bench.outputs().pulses && !bench.outputs().enable);
+    on_it(&mut bench).supply_v = 0.0;
+    for _ in 0..60 {
+        let state = bench.tick();
+        assert_eq!((state.mode, state.faults), (Mode::Idle, 0));
     }
-    assert_eq!(bench.tick().mode, Mode::Idle, "off while nobody wants it");
+    assert!(!bench.outputs().pulses);
     bench.say(&Command::Arm);
     bench.tick();
     fault(&mut bench, faults::SUPPLY | faults::BOARD);
     bench.say_speed("the motors' supply");
 }
 
-/// The angle sensor's line, both end stops at once, a thermistor that is hot or gone.
+/// The angle sensor's line, its bus, both end stops at once, a thermistor that is hot or gone.
 pub(super) fn sensors_that_are_broken_or_hot_are_a_fault(on: On) {
     let mut bench = Bench::start(on);
     bench.push();
     let well = *on_it(&mut bench);
     type Breaks = fn(&mut Fitted);
-    let ways: [(u32, Breaks); 5] = [
+    let ways: [(u32, Breaks); 6] = [
         (2, |on_it| on_it.stuck = Some(u16::MAX)),
         (2, |on_it| on_it.stuck = Some(0)),
+        // Waited for as long as a byte may take, in every tick.
+        (2, |on_it| on_it.bus_dead = true),
         (0, |on_it| on_it.stops_closed = [false; 2]),
         // 90 degrees Celsius.
         (2, |on_it| on_it.thermistor = 0.085),

@@ -3,11 +3,10 @@
 use super::{Bench, On};
 use std::time::Duration;
 use sutura_board::{Line, LogBytes, LogError, LogImage, LogPlace, follow};
-use sutura_hil::board_image::default_image;
 use sutura_shared::wire::message::{Command, Mode};
 
 fn words(on: On) -> LogImage {
-    LogImage::read(&default_image(on.board)).unwrap_or_else(|error| panic!("{error}"))
+    LogImage::read(&on.image()).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// Pieces of a log; after them the console is gone.
@@ -112,6 +111,26 @@ fn what_happens_is_read_over_usb_and_by_a_probe(on: On) {
     // And no more.
     assert!(bench.board.take_log().unwrap().is_empty());
     assert!(bench.board.take_probe_log().unwrap().is_empty());
+}
+
+on_each_board!(a_chip_without_brown_out_level_3_says_so_at_every_start);
+/// As chips come from their maker: off. The option bits of a console have level 3, and it says nothing.
+pub(super) fn a_chip_without_brown_out_level_3_says_so_at_every_start(on: On) {
+    let words = words(on);
+    for (level, said) in [(0, None), (1, Some(1)), (2, Some(2)), (3, Some(3))] {
+        let mut board = on.power_up();
+        board.chip().brown_out = level;
+        board.boot().unwrap();
+        let mut bench = Bench::of(on, board);
+        bench.open();
+        let lines = words.lines().of(&bench.board.take_log().unwrap());
+        let told = said.map(|level| {
+            format!("brown-out level 3 is not set (BOR_LEV = {level}, not 0): see the wiring page")
+        });
+        let told: Vec<_> = told.iter().map(String::as_str).collect();
+        let expected = [&told[..], &["started, reset cause 1", "mode 1"]].concat();
+        assert_eq!(texts(&lines), expected);
+    }
 }
 
 /// Of `1.002000` seconds.

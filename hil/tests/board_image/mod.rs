@@ -25,6 +25,7 @@ mod link;
 mod loader;
 mod log;
 mod mutants;
+mod pins;
 mod resets;
 mod selftest;
 mod sessions;
@@ -48,7 +49,9 @@ const TIME_LIMIT: Duration = Duration::from_secs(1500);
 fn device(on: On) -> DeviceDescription {
     let devices = concat!(env!("CARGO_MANIFEST_DIR"), "/../devices");
     let path = format!("{devices}/{}.toml", on.name());
-    read_device(&Document::read(path.as_ref()).unwrap()).unwrap()
+    read_device(&Document::read(path.as_ref()).unwrap())
+        .unwrap()
+        .description
 }
 
 /// Bytes that the image takes in a tick for sure, in whole packets: what is sent with them is with the twin in the same tick.
@@ -111,11 +114,16 @@ impl On {
         self.power(BoardImage::power_up)
     }
 
+    /// Where its image is.
+    fn image(self) -> std::path::PathBuf {
+        match self.mutant {
+            None => default_image(self.board),
+            Some(_) => default_mutants(self.board),
+        }
+    }
+
     fn power(self, up: PowerUp) -> BoardImage {
-        let image = match self.mutant {
-            None => known(&default_image(self.board)),
-            Some(_) => known(&default_mutants(self.board)),
-        };
+        let image = known(&self.image());
         let board = up(self.board, image.clone(), TIME_LIMIT);
         let mut board = board.unwrap_or_else(|error| panic!("{error}"));
         if let Some(guard) = self.mutant {

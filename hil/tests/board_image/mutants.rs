@@ -2,7 +2,7 @@
 //!
 //! The image is one of its own (`sutura-mutants-BOARD`), with a switch in RAM; the one that is shipped has none.
 
-use super::{On, fitted, guards, link, loader, resets, sessions, traffic};
+use super::{On, fitted, guards, link, loader, log, pins, resets, sessions, traffic};
 use std::collections::{BTreeMap, BTreeSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -78,6 +78,9 @@ checks! {
         loader::a_console_that_is_armed_starting_stopping_or_in_a_fault_is_not_touched:
             touch_idle touch_off touch_forgotten;
         loader::a_watchdog_that_starts_with_the_chip_keeps_it_out_of_the_loader: touch_watchdog;
+        log::a_chip_without_brown_out_level_3_says_so_at_every_start: brown_out_told;
+        pins::pins_are_what_the_boards_table_has_and_encoders_meet_no_resistor: pulls_off;
+        pins::the_supply_is_watched_at_the_level_that_the_flash_needs: supply_threshold;
         resets::a_tick_timer_that_stops_ends_in_the_window_watchdog:
             tasks_watched watchdog_warns watchdog_stops last_feed epitaph;
         resets::a_telemetry_task_that_hangs_ends_in_the_window_watchdog: telemetry_watched;

@@ -16,5 +16,5 @@ pub fn open(path: Option<&Path>) -> Result<DeviceDescription, Failure> {
         Some(path) => read_device(&Document::read(path)?),
         None => built_in_device(),
     };
-    Ok(device?)
+    Ok(device?.description)
 }

@@ -238,6 +238,15 @@ pub fn table(summary: &Summary) -> String {
             withheld(s)
         ),
     );
+    if let Some(hz) = s.board_rows_hz {
+        row(
+            "board",
+            format!(
+                "time for {hz} frames of 24 rows a second, by its device file: up to {} a frame at {} Hz",
+                s.most_rows, s.host_hz
+            ),
+        );
+    }
     let f = &s.frames;
     row(
         "frames",

@@ -224,6 +224,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     }
     drop(shown);
     let mut plan = plan(args, &scene)?;
+    let board_rows_hz = scene.device.and_then(|device| device.board_rows_hz);
     let chosen = choice::settle(args, &mut scene, &plan)?;
     if args.rendering.is_none() {
         plan.rendering = scene.usual_rendering();
@@ -308,6 +309,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     let summary = Summary {
         chosen,
         view,
+        board_rows_hz,
         ..summary
     };
     match global.format {

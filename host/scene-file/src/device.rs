@@ -19,6 +19,8 @@ pub struct DeviceFile {
     pub max_grip_speed_m_per_s: Spanned<f64>,
     /// From the tick that computes a current until it acts \[us\].
     pub actuation_delay_us: Spanned<u32>,
+    /// Frames of 24 rows and their contacts that the board has time for in a second \[Hz\].
+    pub board_rows_hz: Option<Spanned<f64>>,
     /// Three orthogonal stages.
     pub cartesian: Option<Spanned<CartesianSection>>,
     /// Yaw, shoulder, elbow.

@@ -6,8 +6,18 @@
 use super::document::{Document, SceneError, nearest};
 use std::path::Path;
 use sutura_scene_file::device::{DeviceFile, PrismaticSection, RevoluteSection};
+use sutura_shared::control::TICK_HZ;
 use sutura_shared::device::{DeviceDescription, JOINTS, Joint, Kinematics, MAX_ACTUATION_DELAY_US};
 use toml::Spanned;
+
+/// A console, as its file has it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Device {
+    /// What its control loop knows.
+    pub description: DeviceDescription,
+    /// Frames of 24 rows and their contacts that its board has time for in a second \[Hz\]; none if the file does not say.
+    pub board_rows_hz: Option<f64>,
+}
 
 /// Devices that are known by name wherever the program runs.
 pub const BUILT_IN: [(&str, &str); 2] = [
@@ -26,10 +36,7 @@ pub const BUILT_IN: [(&str, &str); 2] = [
 ///
 /// # Errors
 /// A flaw at `value` for a name nobody knows, or whatever is wrong in the device's own file.
-pub fn find_device(
-    scene: &Document,
-    value: &Spanned<String>,
-) -> Result<DeviceDescription, SceneError> {
+pub fn find_device(scene: &Document, value: &Spanned<String>) -> Result<Device, SceneError> {
     let name = value.get_ref();
     if name.ends_with(".toml") {
         let path = scene.resolve(name);
@@ -70,7 +77,7 @@ pub fn find_device(
 ///
 /// # Errors
 /// None unless what is built in is not sound.
-pub fn built_in_device() -> Result<DeviceDescription, SceneError> {
+pub fn built_in_device() -> Result<Device, SceneError> {
     let (name, text) = BUILT_IN[0];
     read_device(&Document::embedded(name, Path::new(""), text))
 }
@@ -79,7 +86,7 @@ pub fn built_in_device() -> Result<DeviceDescription, SceneError> {
 ///
 /// # Errors
 /// A flaw at the key or the number that is wrong.
-pub fn read_device(document: &Document) -> Result<DeviceDescription, SceneError> {
+pub fn read_device(document: &Document) -> Result<Device, SceneError> {
     let file = DeviceFile::read(document.text()).map_err(|error| document.unread(&error))?;
     let c = Check(document);
     let mut name = [0; 16];
@@ -95,23 +102,15 @@ pub fn read_device(document: &Document) -> Result<DeviceDescription, SceneError>
     let max_grip_speed_m_per_s =
         c.positive("max_grip_speed_m_per_s", &file.max_grip_speed_m_per_s)?;
     let actuation_delay_us = c.delay("actuation_delay_us", &file.actuation_delay_us)?;
-    match (file.cartesian, file.serial_arm) {
+    let board_rows_hz = c.rows_hz("board_rows_hz", file.board_rows_hz.as_ref())?;
+    let (kinematics, joints, gravity_mass_kg) = match (file.cartesian, file.serial_arm) {
         (Some(section), None) => {
             let section = section.into_inner();
             let kinematics = Kinematics::Cartesian {
                 origin_m: c.vector("origin_m", &section.origin_m)?,
             };
             let (joints, gravity_mass_kg) = prismatic(&c, &section.joint)?;
-            Ok(DeviceDescription {
-                name,
-                kinematics,
-                joints,
-                gravity_mass_kg,
-                max_force_n,
-                max_power_w,
-                max_grip_speed_m_per_s,
-                actuation_delay_us,
-            })
+            (kinematics, joints, gravity_mass_kg)
         }
         (None, Some(section)) => {
             let section = section.into_inner();
@@ -126,16 +125,7 @@ pub fn read_device(document: &Document) -> Result<DeviceDescription, SceneError>
                 c.not_negative("grip_mass_kg", &section.grip_mass_kg)?,
             ];
             let joints = revolute(&c, &section.joint)?;
-            Ok(DeviceDescription {
-                name,
-                kinematics,
-                joints,
-                gravity_mass_kg,
-                max_force_n,
-                max_power_w,
-                max_grip_speed_m_per_s,
-                actuation_delay_us,
-            })
+            (kinematics, joints, gravity_mass_kg)
         }
         (first, second) => {
             let both = first.is_some() && second.is_some();
@@ -146,9 +136,22 @@ pub fn read_device(document: &Document) -> Result<DeviceDescription, SceneError>
                 "no kinematics"
             };
             let help = "a device has either a `[cartesian]` or a `[serial_arm]` section";
-            Err(document.flaw(span, message, "one section is needed", Some(help)))
+            return Err(document.flaw(span, message, "one section is needed", Some(help)));
         }
-    }
+    };
+    Ok(Device {
+        description: DeviceDescription {
+            name,
+            kinematics,
+            joints,
+            gravity_mass_kg,
+            max_force_n,
+            max_power_w,
+            max_grip_speed_m_per_s,
+            actuation_delay_us,
+        },
+        board_rows_hz,
+    })
 }
 
 fn prismatic(
@@ -240,6 +243,17 @@ impl Check<'_> {
         Ok(delay_us)
     }
 
+    /// A rate up to that of the ticks, if there is one.
+    fn rows_hz(&self, key: &str, value: Option<&Spanned<f64>>) -> Result<Option<f64>, SceneError> {
+        let most = f64::from(TICK_HZ);
+        let rule = format!("above 0, at most {most}");
+        let help = "what the self-test's line `rows_a_second` says of the board; left out, the line alone limits rows";
+        let fits = |hz: f64| hz > 0.0 && hz <= most;
+        value
+            .map(|value| self.0.number(key, value, &rule, fits, help))
+            .transpose()
+    }
+
     fn vector(&self, key: &str, value: &Spanned<[f64; 3]>) -> Result<[f32; 3], SceneError> {
         Ok(self.0.finite(key, value)?.map(|v| v as f32))
     }
@@ -281,7 +295,7 @@ mod tests {
     fn built_in_devices_read_and_keep_their_names() {
         for (name, text) in BUILT_IN {
             let device = read_device(&Document::embedded(name, Path::new(""), text));
-            let device = device.expect("built-in devices are good");
+            let device = device.expect("built-in devices are good").description;
             assert_eq!(&device.name[..name.len()], name.as_bytes());
             assert!(device.name[name.len()..].iter().all(|b| *b == 0));
         }
@@ -295,6 +309,10 @@ mod tests {
         assert!(message.ends_with("must be positive"), "{message}");
         let (message, _) = complaint(&text.replacen("delay_us = 1000", "delay_us = 5001", 1));
         assert_eq!(message, "actuation_delay_us = 5001: must be at most 5000");
+        let slow = text.replacen("[cartesian]", "board_rows_hz = 0.0\n[cartesian]", 1);
+        let (message, help) = complaint(&slow);
+        assert_eq!(message, "board_rows_hz = 0: must be above 0, at most 1000");
+        assert!(help.contains("rows_a_second"), "{help}");
         let (message, help) = complaint(&text.replacen("coulomb_n ", "coulomb_nm ", 1));
         assert!(message.contains("unknown key `coulomb_nm`"), "{message}");
         assert!(help.contains("did you mean `coulomb_n`"), "{help}");

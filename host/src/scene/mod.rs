@@ -26,7 +26,7 @@ mod units;
 mod way;
 
 pub use added::ADDED_KEYS;
-pub use device::{BUILT_IN as BUILT_IN_DEVICES, built_in_device, find_device, read_device};
+pub use device::{BUILT_IN as BUILT_IN_DEVICES, Device, built_in_device, find_device, read_device};
 pub use document::{Document, Flaw, SceneError, Sources, nearest};
 pub use gravity::Gravity;
 pub use hand::{hand_script, position_at};
@@ -58,7 +58,6 @@ use crate::work;
 use std::path::Path;
 use std::sync::Arc;
 use sutura_models::hyperelastic::Cells;
-use sutura_shared::device::DeviceDescription;
 use sutura_shared::wire::message::HandScript;
 
 /// Passes of a step on hyperelastic tissue: as a rule two or three bring it below its setting's tolerance, and a way
@@ -117,7 +116,7 @@ pub struct Scene {
     /// A name for each handle that has one, (as many as there are handles).
     pub handle_names: Vec<Option<String>>,
     /// The console, if the scene names one.
-    pub device: Option<DeviceDescription>,
+    pub device: Option<Device>,
     /// The hand on a simulated console, if the scene has one.
     pub hand: Option<HandScript>,
     /// How the host works.

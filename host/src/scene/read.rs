@@ -76,9 +76,11 @@ impl Scene {
             None => None,
         };
         let hand = match (&file.hand, &device) {
-            (Some(section), Some(device)) => {
-                Some(hand_script(document, section.get_ref(), device)?)
-            }
+            (Some(section), Some(device)) => Some(hand_script(
+                document,
+                section.get_ref(),
+                &device.description,
+            )?),
             (Some(section), None) => {
                 let help =
                     "add `device = \"cartesian-bench\"`, or the path of a device file, at the top";

@@ -3,6 +3,7 @@
 //! Entry point: [`most_rows`]. The states of the console come first, then the contact, at the rate that the host was
 //! asked for; rows have what is left.
 
+use sutura_shared::control::TICK_HZ;
 use sutura_shared::wire::message::MAX_ROWS;
 use sutura_shared::wire::{MAX_CONTACT_FRAME, MAX_STATE_FRAME, frame_size};
 
@@ -19,6 +20,15 @@ const LEAST_ROWS: usize = 12;
 /// Bytes of a frame with so many smooth rows.
 fn rows_frame_size(rows: usize) -> usize {
     frame_size(BODY + rows * ROW + rows * (rows + 1) / 2 * 4)
+}
+
+/// What USB and the board at its end take, both ways together \[bytes/s\]. `board_rows_hz`: how many frames of all rows and their contacts the
+/// board has time for in a second, beside a state in every tick; such a frame costs it by the byte. None: whatever comes.
+pub fn usb_bytes_per_s(board_rows_hz: Option<f64>) -> f64 {
+    let frame = rows_frame_size(MAX_ROWS) + MAX_CONTACT_FRAME;
+    let states = f64::from(TICK_HZ) * MAX_STATE_FRAME as f64;
+    let board = board_rows_hz.map_or(f64::INFINITY, |hz| states + hz * frame as f64);
+    board.min(LINE_BYTES_PER_S)
 }
 
 /// Most rows that a contact may have on a line that carries `bytes_per_s`, with `host_hz` contacts and `state_hz`
@@ -64,6 +74,30 @@ mod tests {
                 };
             let sum = 143.0 * 1000.0 + down * host_hz;
             assert!(sum <= LINE_BYTES_PER_S, "{hz} Hz: {sum} bytes/s");
+        }
+    }
+
+    #[test]
+    fn a_board_that_takes_whatever_comes_leaves_the_line_as_it_is() {
+        for hz in [None, Some(1000.0)] {
+            assert_eq!(usb_bytes_per_s(hz), LINE_BYTES_PER_S);
+        }
+    }
+
+    /// All rows up to its rate and no faster, and fewer, as long as they are of use, beyond it.
+    #[test]
+    fn a_board_has_time_for_what_its_file_says() {
+        for rows_hz in [30.0, 100.0, 180.0] {
+            let most = |host_hz| most_rows(usb_bytes_per_s(Some(rows_hz)), host_hz, 1000.0);
+            assert_eq!([1.0, 0.5].map(|part| most(part * rows_hz)), [MAX_ROWS; 2]);
+            assert!((LEAST_ROWS..MAX_ROWS).contains(&most(1.05 * rows_hz)));
+            assert_eq!(most(4.0 * rows_hz), 0);
+            let mut before = MAX_ROWS;
+            for hz in 1..=1000 {
+                let rows = most(f64::from(hz));
+                assert!(rows <= before, "{hz} Hz: {rows} rows");
+                before = rows;
+            }
         }
     }
 

@@ -34,7 +34,7 @@ mod thread_frame;
 
 pub use crate::scene::Rendering;
 use crate::tool::Act;
-pub use budget::{LINE_BYTES_PER_S, most_rows};
+pub use budget::{LINE_BYTES_PER_S, most_rows, usb_bytes_per_s};
 pub use chosen::{Candidate, Chosen, StepUs};
 pub use contact_frame::{contact_frame, pack_symmetric};
 pub use error::SolveError;

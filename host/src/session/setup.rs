@@ -3,7 +3,7 @@
 //! Entry points: [`Plan`], [`Plan::opening_orders`]. The same orders go to every console; only a simulated
 //! one is also told which device it is and what its hand does.
 
-use super::budget::{LINE_BYTES_PER_S, most_rows};
+use super::budget::{most_rows, usb_bytes_per_s};
 use super::horizon::LONGEST_US;
 use crate::link::{LinkError, Order};
 use crate::scene::{Rendering, Scene, SceneError, built_in_device};
@@ -39,7 +39,7 @@ pub struct Plan {
     pub state_every: u16,
     /// What the console is given to render from.
     pub rendering: Rendering,
-    /// What the line carries, both ways together \[bytes/s\].
+    /// What the line carries, both ways together, and the board at its end has time for \[bytes/s\].
     pub line_bytes_per_s: f64,
     /// Shortest horizon of a frame \[us\]; measured delays make it longer, up to what consoles cap it at.
     pub horizon_us: Option<u32>,
@@ -124,7 +124,7 @@ pub enum SessionError {
 }
 
 impl Plan {
-    /// The session that a scene asks for, on a line that carries all.
+    /// The session that a scene asks for, over USB.
     ///
     /// # Errors
     /// [`PlanError`]: a scene without a hand, or a device that is unusable.
@@ -137,7 +137,7 @@ impl Plan {
             scene: scene.name.clone(),
         })?;
         Ok(Plan {
-            device,
+            device: device.description,
             hand,
             host_hz: scene.host.host_hz,
             seconds: scene.seconds,
@@ -147,11 +147,11 @@ impl Plan {
             clear_fault: false,
             fixture: Fixture::None,
             rendering: scene.usual_rendering(),
-            line_bytes_per_s: LINE_BYTES_PER_S,
+            line_bytes_per_s: usb_bytes_per_s(device.board_rows_hz),
         })
     }
 
-    /// Most rows that a contact may have for the line to carry them all; 0: none are sent.
+    /// Most rows that a contact may have for line and board to take them all; 0: none are sent.
     pub fn most_rows(&self) -> usize {
         match self.rendering {
             Rendering::Rows => {
@@ -324,5 +324,28 @@ impl ArmingWatch {
             }
             _ => Ok(Arming::NotYet),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene;
+
+    /// A board that has time for 60 frames a second: all rows up to there, fewer beyond it, and the tangent alone far beyond.
+    #[test]
+    fn a_session_sends_no_more_rows_than_the_board_has_time_for() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../scenes/palpation.toml");
+        let mut scene = scene::load(path.as_ref()).expect("a scene that ships");
+        let most = |scene: &Scene, host_hz| {
+            let plan = Plan::of_scene(scene).expect("it has a hand");
+            Plan { host_hz, ..plan }.most_rows()
+        };
+        assert_eq!([60.0, 80.0, 150.0].map(|hz| most(&scene, hz)), [24; 3]);
+        let device = scene.device.as_mut().expect("it has a device");
+        device.board_rows_hz = Some(60.0);
+        assert_eq!(most(&scene, 60.0), 24);
+        assert!((12..24).contains(&most(&scene, 80.0)));
+        assert_eq!(most(&scene, 240.0), 0);
     }
 }

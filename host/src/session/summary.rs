@@ -150,8 +150,11 @@ pub struct Summary {
     pub host_hz: f64,
     /// What the console was given to render from: `hold`, `tangent` or `rows`.
     pub rendering: &'static str,
-    /// Most rows that its line has room for at that rate; 0: none were sent.
+    /// Most rows that line and board take at that rate; 0: none were sent.
     pub most_rows: usize,
+    /// Frames of 24 rows a second that the board has time for, by the scene's device file \[Hz\]; none if that does not say.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub board_rows_hz: Option<f64>,
     /// Solver steps a second that it reached, by the console's clock \[Hz\].
     pub host_hz_reached: f64,
     /// Solver steps after which nothing was sent, by what was wrong with their result.

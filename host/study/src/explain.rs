@@ -17,7 +17,7 @@ use sutura_host::scene::{
     ADDED_KEYS, HostSettings, Pose, Rendering, Scene, SceneError, Tissue, position_at,
 };
 use sutura_host::script::{Path, at_rest, path};
-use sutura_host::session::{LINE_BYTES_PER_S, SceneSolver, most_rows};
+use sutura_host::session::{SceneSolver, most_rows, usb_bytes_per_s};
 use sutura_host::solve::SolveError;
 use sutura_host::step::{Status, StepReport};
 use sutura_host::tool::{Shape, ToolSample};
@@ -604,10 +604,11 @@ fn console_rows(scene: &Scene) -> Component {
         return Component::absent(name, why);
     }
     let host_hz = scene.host.host_hz;
-    match most_rows(LINE_BYTES_PER_S, host_hz, f64::from(TICK_HZ)) {
+    let board_rows_hz = scene.device.and_then(|device| device.board_rows_hz);
+    match most_rows(usb_bytes_per_s(board_rows_hz), host_hz, f64::from(TICK_HZ)) {
         0 => {
             let why = format!(
-                "no rows: at {host_hz} solves a second the line has no room, and the console has the tangent"
+                "no rows: at {host_hz} solves a second line and board have no room, and the console has the tangent"
             );
             Component::absent(name, why)
         }

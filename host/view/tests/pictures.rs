@@ -25,7 +25,7 @@ pub fn open(name: &str) -> (Scene, Sources) {
 
 pub fn plan(scene: &Scene, seconds: f64) -> Plan {
     Plan {
-        device: scene.device.expect("a device"),
+        device: scene.device.expect("a device").description,
         hand: scene.hand.expect("a hand"),
         host_hz: scene.host.host_hz,
         seconds,

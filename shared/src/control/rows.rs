@@ -416,6 +416,16 @@ impl ContactRows {
         row.map_or(0.0, |row| product(row, &self.lambda, width))
     }
 
+    /// The same of a row and the next one, which change together: what both are multiplied with is read once.
+    #[inline(always)]
+    fn by_forces_of_two(&self, row: usize) -> [f32; 2] {
+        let width = self.width();
+        match self.compliance.get(row..row + 2) {
+            Some([first, second]) => products([first, second], &self.lambda, width),
+            _ => [0.0; 2],
+        }
+    }
+
     /// Chunks of [`LANES`] that hold all rows.
     fn width(&self) -> usize {
         usize::from(self.count).div_ceil(LANES)
@@ -482,8 +492,11 @@ impl ContactRows {
             let normal = clamp(aim, 0.0, touch.limit);
             put(&mut self.lambda, row, normal);
             if touch.friction > 0.0 {
-                let aim = [row + 1, row + 2]
-                    .map(|row| at(&self.lambda, row) - (at(drive, row) + self.by_forces(row)));
+                let forces = self.by_forces_of_two(row + 1);
+                let aim = [
+                    at(&self.lambda, row + 1) - (at(drive, row + 1) + forces[0]),
+                    at(&self.lambda, row + 2) - (at(drive, row + 2) + forces[1]),
+                ];
                 let [a, b] = disc(aim, touch.friction * normal);
                 put(&mut self.lambda, row + 1, a);
                 put(&mut self.lambda, row + 2, b);
@@ -520,7 +533,11 @@ impl ContactRows {
             slip: None,
         };
         if touch.friction > 0.0 {
-            let delta = [row + 1, row + 2].map(|row| at(drive, row) + self.by_forces(row));
+            let forces = self.by_forces_of_two(row + 1);
+            let delta = [
+                at(drive, row + 1) + forces[0],
+                at(drive, row + 2) + forces[1],
+            ];
             let force = [at(&self.lambda, row + 1), at(&self.lambda, row + 2)];
             let aim = [force[0] - delta[0], force[1] - delta[1]];
             let held = disc(aim, touch.friction * lambda);
@@ -629,6 +646,21 @@ fn product(a: &[f32; MAX_ROWS], b: &[f32; MAX_ROWS], width: usize) -> f32 {
         }
     }
     sum
+}
+
+/// Two of them with one vector, each in the same order.
+#[inline]
+fn products(a: [&[f32; MAX_ROWS]; 2], x: &[f32; MAX_ROWS], width: usize) -> [f32; 2] {
+    let [first, second] = a.map(|row| row.as_chunks::<LANES>().0);
+    let (x, _) = x.as_chunks::<LANES>();
+    let mut sums = [0.0; 2];
+    for ((first, second), x) in first.iter().zip(second).zip(x).take(width) {
+        for ((first, second), x) in first.iter().zip(second).zip(x) {
+            sums[0] += first * x;
+            sums[1] += second * x;
+        }
+    }
+    sums
 }
 
 #[inline]

@@ -96,7 +96,7 @@ pub struct HostVerdict {
 /// "#);
 /// let scene = read(&document)?;
 /// let plan = Plan {
-///     device: scene.device.ok_or("a device")?,
+///     device: scene.device.ok_or("a device")?.description,
 ///     hand: scene.hand.ok_or("a hand")?,
 ///     host_hz: 50.0,
 ///     seconds: 0.5,

@@ -372,7 +372,7 @@ way_point = [
         let mut scene = Scene::read(&document, "test").expect("good");
         let before = scene.tissue;
         let plan = Plan {
-            device: scene.device.expect("a device"),
+            device: scene.device.expect("a device").description,
             hand: scene.hand.expect("a hand"),
             host_hz: 100.0,
             seconds: 0.4,

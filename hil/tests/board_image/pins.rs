@@ -1,0 +1,135 @@
+//! What the image makes of the chip's pins, its motor timer and its supply detector, as their registers have it once a board has started.
+
+use super::{Board, On};
+use sutura_hil::board_image::Chip;
+
+/// Ports that an image sets up, and where their registers begin.
+const PORTS: [(char, u32); 5] = [
+    ('A', 0x4002_0000),
+    ('B', 0x4002_0400),
+    ('C', 0x4002_0800),
+    ('D', 0x4002_0C00),
+    ('G', 0x4002_1800),
+];
+/// Registers of a port (RM0090, 8.4): mode, pull resistors, alternate functions of pins 0 to 7 and of the others.
+const MODER: u32 = 0x00;
+const PUPDR: u32 = 0x0C;
+const AFR: [u32; 2] = [0x20, 0x24];
+const PWR_CR: u32 = 0x4000_7000;
+const TIM8_BDTR: u32 = 0x4001_0444;
+
+/// A pin's mode.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Pin {
+    /// As after a reset: an input, floating.
+    Left,
+    /// An input with a resistor to ground.
+    Down,
+    Out,
+    Analog,
+    /// An alternate function, without resistors.
+    Timer(u32),
+    /// ... with one to ground.
+    TimerDown(u32),
+    /// A debugger's, as after a reset.
+    Debug,
+}
+
+/// Pins that a board uses, by their names.
+fn used(board: Board) -> Vec<(&'static str, Pin)> {
+    use Pin::{Analog, Debug, Down, Out, Timer, TimerDown};
+    let mut used = vec![
+        ("C6", Timer(3)),
+        ("C7", Timer(3)),
+        ("C8", Timer(3)),
+        ("C9", Timer(3)),
+        ("A6", TimerDown(3)),
+        ("B9", Down),
+        ("A11", Timer(10)),
+        ("A12", Timer(10)),
+        ("A13", Debug),
+        ("A14", Debug),
+    ];
+    used.extend(match board {
+        Board::OlimexH405 => vec![
+            ("B4", Timer(2)),
+            ("A7", Timer(2)),
+            ("B6", Timer(2)),
+            ("B7", Timer(2)),
+            ("A15", Timer(1)),
+            ("B3", Timer(1)),
+            ("C12", Out),
+        ],
+        Board::NucleoF446ze => vec![
+            ("B4", Timer(2)),
+            ("B5", Timer(2)),
+            ("D12", Timer(2)),
+            ("D13", Timer(2)),
+            ("A15", Timer(1)),
+            ("A1", Timer(1)),
+            ("B0", Out),
+            ("B7", Out),
+            ("B14", Out),
+            ("G6", Out),
+            ("C5", Analog),
+            // The probe listens to it.
+            ("B3", Debug),
+        ],
+    });
+    used
+}
+
+fn found(chip: &Chip, base: u32, pin: u32) -> Pin {
+    let two = |register| chip.stored(base + register) >> (2 * pin) & 0b11;
+    let function = chip.stored(base + AFR[pin as usize / 8]) >> (4 * (pin % 8)) & 0xF;
+    match (two(MODER), two(PUPDR), function) {
+        (0b00, 0b00, _) => Pin::Left,
+        (0b00, 0b10, _) => Pin::Down,
+        (0b01, 0b00, _) => Pin::Out,
+        (0b11, 0b00, _) => Pin::Analog,
+        (0b10, 0b00, 1..) => Pin::Timer(function),
+        (0b10, 0b10, 1..) => Pin::TimerDown(function),
+        (0b10, _, 0) => Pin::Debug,
+        (mode, pull, _) => panic!("pin {pin} at {base:#x}: mode {mode:#04b}, pull {pull:#04b}"),
+    }
+}
+
+on_each_board!(pins_are_what_the_boards_table_has_and_encoders_meet_no_resistor);
+/// 5 V may not meet one, and two of these have one after a reset. What is not in the table is left alone: the ROM's loader listens on
+/// some of it, and drives others.
+pub(super) fn pins_are_what_the_boards_table_has_and_encoders_meet_no_resistor(on: On) {
+    let mut board = on.start();
+    let chip = board.chip();
+    let used = used(on.board);
+    for (port, base) in PORTS {
+        for pin in 0..16 {
+            let name = format!("{port}{pin}");
+            let expected = used.iter().find(|(used, _)| *used == name);
+            let expected = expected.map_or(Pin::Left, |(_, expected)| *expected);
+            assert_eq!(found(chip, base, pin), expected, "P{name}");
+        }
+    }
+}
+
+on_each_board!(the_break_input_is_on_active_low_and_locked);
+/// With outputs that are driven low while they are off, and lock level 2 (RM0090, 17.4.18).
+fn the_break_input_is_on_active_low_and_locked(on: On) {
+    let mut board = on.start();
+    let control = board.chip().stored(TIM8_BDTR);
+    let [off_states, lock, enabled, active_high, automatic] =
+        [0b11 << 10, 0b11 << 8, 1 << 12, 1 << 13, 1 << 14].map(|bits| control & bits);
+    assert_eq!(
+        (off_states, lock, enabled, active_high, automatic),
+        (0b11 << 10, 0b10 << 8, 1 << 12, 0, 0),
+        "{control:#x}"
+    );
+}
+
+on_each_board!(the_supply_is_watched_at_the_level_that_the_flash_needs);
+/// Level 5, below 2.76 to 2.90 V: five wait states at 168 MHz need 2.7 V.
+pub(super) fn the_supply_is_watched_at_the_level_that_the_flash_needs(on: On) {
+    let mut board = on.start();
+    let control = board.chip().stored(PWR_CR);
+    assert_eq!(control >> 5 & 0b111, 5, "PLS of {control:#x}");
+    assert_ne!(control & 1 << 4, 0, "PVDE of {control:#x}");
+}
