@@ -42,8 +42,15 @@ use sutura_shared::link::{ConsoleLink, HostEvent, HostLink, Identity};
 use sutura_shared::wire::message::{Command, Contact, Hello, Mode, Report, State};
 use sutura_shared::wire::{MAX_FRAME, Message, Valid};
 
-/// For a run that hangs, on a machine that does other things.
-const TIME_LIMIT: Duration = Duration::from_secs(1500);
+/// Whether everything runs in its long form.
+fn is_full() -> bool {
+    std::env::var_os("SUTURA_FULL").is_some_and(|value| value == "1")
+}
+
+/// For a run that hangs, on a machine that does other things; the long form takes twenty times as long.
+fn time_limit() -> Duration {
+    Duration::from_secs(if is_full() { 30_000 } else { 1500 })
+}
 
 /// The device file that a session with this board needs: the image has the same numbers compiled in, or bits differ.
 fn device(on: On) -> DeviceDescription {
@@ -124,7 +131,7 @@ impl On {
 
     fn power(self, up: PowerUp) -> BoardImage {
         let image = known(&self.image());
-        let board = up(self.board, image.clone(), TIME_LIMIT);
+        let board = up(self.board, image.clone(), time_limit());
         let mut board = board.unwrap_or_else(|error| panic!("{error}"));
         if let Some(guard) = self.mutant {
             let out = board.take_out(&image, guard);

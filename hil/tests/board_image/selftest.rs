@@ -1,6 +1,6 @@
 //! The self-test's images on a board without jumpers. With them, from the file to the report: `tests/flash/selftest.rs`.
 
-use super::{On, TIME_LIMIT, known};
+use super::{On, known, time_limit};
 use sutura_hil::board_image::{BoardImage, default_selftest};
 
 /// Ticks after which what jumpers are for has been checked.
@@ -9,7 +9,7 @@ const MOST_TICKS: usize = 1000;
 on_each_board!(without_jumpers_each_check_of_theirs_fails);
 fn without_jumpers_each_check_of_theirs_fails(on: On) {
     let image = known(&default_selftest(on.board));
-    let board = BoardImage::power_up(on.board, image, TIME_LIMIT);
+    let board = BoardImage::power_up(on.board, image, time_limit());
     let mut board = board.unwrap_or_else(|e| panic!("{e}"));
     board.boot().unwrap_or_else(|e| panic!("{e}"));
     board.enumerate().unwrap_or_else(|e| panic!("{e}"));

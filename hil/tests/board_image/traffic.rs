@@ -1,6 +1,6 @@
 //! As much as a line can bring, of one kind at a time: 1 MB/s, of which the image takes what a tick may. `SUTURA_FULL=1`: 10 s of each.
 
-use super::{Bench, On};
+use super::{Bench, On, is_full};
 use sutura_shared::wire::List;
 use sutura_shared::wire::message::{Command, Mode, Ping, Row, RowKind, Rows};
 
@@ -13,8 +13,7 @@ const MOST_PACKETS: usize = 12 + 2;
 const CYCLES: u32 = 168_000;
 
 fn ticks() -> usize {
-    let full = std::env::var_os("SUTURA_FULL").is_some_and(|value| value == "1");
-    if full { 10_000 } else { 500 }
+    if is_full() { 10_000 } else { 500 }
 }
 
 /// Ticks whose instructions are counted, which is slow: five frames of rows, and all others many times.
