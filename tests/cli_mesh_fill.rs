@@ -107,6 +107,7 @@ fn what_is_put_right_is_said() {
     let mut triangles = cuboid([0.0; 3], 30.0);
     triangles[3].swap(0, 1);
     triangles.push(triangles[5]);
+    triangles.remove(8);
     triangles.extend(cuboid([10.0; 3], 5.0));
     stl(&at.join("bad.stl"), &triangles);
     let arguments = [
@@ -116,12 +117,14 @@ fn what_is_put_right_is_said() {
     assert_eq!(ran.code, 0, "{}", ran.stderr);
     let report = ran.json();
     let expected = serde_json::json!({
-        "welded_points": 0, "dropped_triangles": 1, "turned_triangles": 13, "parts": 2, "hollows": 1,
+        "welded_points": 0, "dropped_triangles": 1, "split_edges": 0, "filled_holes": 1, "turned_triangles": 13, "parts": 2,
+        "hollows": 1,
     });
     assert_eq!(report["repaired"], expected);
     let notes = report["notes"].to_string();
     for words in [
         "1 triangle dropped",
+        "1 hole filled",
         "13 triangles turned over",
         "1 part lies inside another",
     ] {
@@ -228,7 +231,9 @@ fn surfaces_that_cannot_be_filled_are_refused_by_their_triangles() {
     let folder = folder("echo gmsh ran; exit 1");
     let at = folder.path();
     let whole = cuboid([0.0; 3], 30.0);
-    stl(&at.join("open.stl"), &whole[..11]);
+    // Two holes that meet in a corner.
+    let open = [&whole[1..10], &whole[11..]].concat();
+    stl(&at.join("open.stl"), &open);
     // A second box, whose corner is inside the first.
     let both = [whole.clone(), cuboid([20.0, 19.0, 18.0], 30.0)].concat();
     stl(&at.join("crossing.stl"), &both);
@@ -243,7 +248,7 @@ fn surfaces_that_cannot_be_filled_are_refused_by_their_triangles() {
     for (file, said) in [
         (
             "open.stl",
-            ["the surface is open: face 2 has", "Close Holes"],
+            ["the surface is open: face 0 has", "Close Holes"],
         ),
         ("crossing.stl", ["faces 2 and 17 cross each other", "Union"]),
         (

@@ -80,6 +80,18 @@ pub enum MeshError {
         /// What the format asks for here.
         expected: String,
     },
+    /// A binary file of another size than its count of triangles takes.
+    #[error(
+        "it says that it has {count} triangles, which take {size} bytes, and has {found} bytes: is it cut off, or is something put to its end?"
+    )]
+    WrongSize {
+        /// Triangles, as it says.
+        count: u32,
+        /// What these take.
+        size: u64,
+        /// What there is.
+        found: u64,
+    },
     /// What is wrong in one of the files that make a mesh together.
     #[error("{file}: {error}")]
     InFile {

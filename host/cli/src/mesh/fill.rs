@@ -151,8 +151,12 @@ fn read_surface(path: &Path, scale: f64) -> Result<(TriangleMesh, Repaired), Fai
     if let Some([one, other]) = crossing(&surface) {
         let corner = surface.triangles[one][0];
         let [x, y, z] = surface.points_m[corner as usize];
+        let filled = match repaired.filled_holes {
+            0 => "",
+            _ => " (or what fills a hole beside them)",
+        };
         let message = format!(
-            "{}: faces {} and {} cross each other at about [{x:.6}, {y:.6}, {z:.6}] m",
+            "{}: faces {} and {}{filled} cross each other at about [{x:.6}, {y:.6}, {z:.6}] m",
             path.display(),
             surface.face(one),
             surface.face(other)
@@ -204,6 +208,16 @@ fn notes(repaired: &Repaired) -> Vec<String> {
             repaired.dropped_triangles,
             "triangle dropped: two corners at one place, or there a second time",
             "triangles dropped: two corners at one place, or there a second time",
+        ),
+        said(
+            repaired.split_edges,
+            "edge split at a point on it that its triangle did not have",
+            "edges split at points on them that their triangles did not have",
+        ),
+        said(
+            repaired.filled_holes,
+            "hole filled, as its rim is flat or has few edges: see that the body has none there",
+            "holes filled, as their rims are flat or have few edges: see that the body has none there",
         ),
         said(
             repaired.turned_triangles,

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use std::collections::{HashMap, HashSet};
 
 /// Sines and relative lengths below this are nothing but rounding.
-const ROUNDING: f64 = 1e-9;
+pub(super) const ROUNDING: f64 = 1e-9;
 
 /// What is known of a surface that is closed.
 #[derive(Clone, Debug)]

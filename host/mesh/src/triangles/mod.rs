@@ -4,6 +4,7 @@
 //! [`super::Surface`], and needs none of this.
 
 mod check;
+mod close;
 mod flaw;
 mod obj;
 mod ply;

@@ -21,6 +21,10 @@ pub struct Repaired {
     pub welded_points: usize,
     /// Triangles dropped: with two corners at one place, or there a second time.
     pub dropped_triangles: usize,
+    /// Edges without a neighbour that were split at a point that lies on them.
+    pub split_edges: usize,
+    /// Holes filled: of few edges, or flat.
+    pub filled_holes: usize,
     /// Triangles turned over, so that all of them look outwards.
     pub turned_triangles: usize,
     /// Parts that have no point in common.
@@ -30,16 +34,65 @@ pub struct Repaired {
 }
 
 impl TriangleMesh {
-    /// Welds points that lie on others, drops triangles without three corners and those that are there again, and turns the
-    /// others until all look outwards; what lies inside another part is a hollow of it.
+    /// Welds points that lie on others, drops triangles without three corners and those that are there again, splits open edges at
+    /// points on them, fills holes that are small or flat, and turns triangles until all look outwards; what lies inside another
+    /// part is a hollow of it.
     ///
     /// # Errors
     /// What is left for others to mend: [`SurfaceFlaw::Open`], [`SurfaceFlaw::Crowded`], [`SurfaceFlaw::OneSided`], and what
     /// [`TriangleMesh::check`] finds.
     pub fn repair(&mut self) -> Result<Repaired, SurfaceFlaw> {
         self.check_corners()?;
-        let welded_points = self.weld();
-        let dropped_triangles = self.drop_repeated();
+        let bounds = self.bounds(0..self.triangles.len());
+        let size_m = (bounds.1 - bounds.0).norm();
+        let repaired = Repaired {
+            welded_points: self.weld(bounds.0, SAME * size_m),
+            dropped_triangles: self.drop_repeated(),
+            ..Repaired::default()
+        };
+        let open = match self.neighbours() {
+            Ok(_) => return self.turn(repaired),
+            Err(flaw @ SurfaceFlaw::Open { .. }) => flaw,
+            Err(other) => return Err(other),
+        };
+        let closing = self.close(SAME * size_m);
+        let closed = self.turn(Repaired {
+            split_edges: closing.split_edges,
+            filled_holes: closing.holes,
+            ..repaired
+        });
+        // What fills a hole and is no solid then, as in the rim of a sheet, was none.
+        match closed {
+            Ok(_) if closing.holes > 0 && self.has_sheet()? => Err(open),
+            Err(flaw) if closing.holes > 0 && !matches!(flaw, SurfaceFlaw::Open { .. }) => {
+                Err(open)
+            }
+            other => other,
+        }
+    }
+
+    /// Whether a part of a closed surface holds nothing.
+    fn has_sheet(&self) -> Result<bool, SurfaceFlaw> {
+        let parts = self.parts(&mut vec![false; self.triangles.len()])?;
+        let is_sheet = |part: &Vec<usize>| {
+            let (low, high) = self.bounds(part.iter().copied());
+            self.part_volume_m3(part).abs() <= SAME * (high - low).norm().powi(3)
+        };
+        Ok(parts.iter().any(is_sheet))
+    }
+
+    /// Volume inside a part by its orientation \[m^3\].
+    fn part_volume_m3(&self, part: &[usize]) -> f64 {
+        let origin = self.corners(part[0])[0];
+        let six_fold = part.iter().map(|triangle| {
+            let [a, b, c] = self.corners(*triangle).map(|at| at - origin);
+            a.dot(&b.cross(&c))
+        });
+        six_fold.sum::<f64>() / 6.0
+    }
+
+    /// Turns triangles until all look outwards, and checks that they are the surface of a solid.
+    fn turn(&mut self, repaired: Repaired) -> Result<Repaired, SurfaceFlaw> {
         let mut turned = vec![false; self.triangles.len()];
         let parts = self.parts(&mut turned)?;
         for (triangle, turned) in turned.iter().enumerate() {
@@ -50,20 +103,18 @@ impl TriangleMesh {
         let hollows = self.turn_parts(&parts, &mut turned);
         self.check()?;
         Ok(Repaired {
-            welded_points,
-            dropped_triangles,
             turned_triangles: turned.iter().filter(|turned| **turned).count(),
             parts: parts.len(),
             hollows,
+            ..repaired
         })
     }
 
-    /// Makes one of points that lie on each other, and drops those that no triangle has; how many lay on others.
-    fn weld(&mut self) -> usize {
-        let bounds = self.bounds(0..self.triangles.len());
-        let same_m = SAME * (bounds.1 - bounds.0).norm();
+    /// Makes one of points that lie within `same_m` of each other, and drops those that no triangle has; how many lay on others.
+    /// `low` has the least coordinates.
+    fn weld(&mut self, low: Vector3<f64>, same_m: f64) -> usize {
         let cell =
-            |at: &Vector3<f64>| (at - bounds.0).map(|x| (x / same_m.max(f64::MIN_POSITIVE)) as i64);
+            |at: &Vector3<f64>| (at - low).map(|x| (x / same_m.max(f64::MIN_POSITIVE)) as i64);
         let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
         let mut points_m: Vec<[f64; 3]> = Vec::new();
         let mut number = vec![None; self.points_m.len()];
@@ -147,16 +198,21 @@ impl TriangleMesh {
         Ok(parts)
     }
 
-    /// The triangle across each edge, and whether it passes the edge the same way, which none should.
-    fn neighbours(&self) -> Result<Vec<[(usize, bool); 3]>, SurfaceFlaw> {
-        let mut sides: Vec<((u32, u32), usize, usize)> =
-            Vec::with_capacity(3 * self.triangles.len());
+    /// Sides of all triangles, by the ends of their edges: the lesser, the greater, the triangle, and which of its sides.
+    pub(super) fn sides(&self) -> Vec<((u32, u32), usize, usize)> {
+        let mut sides = Vec::with_capacity(3 * self.triangles.len());
         for (triangle, corners) in self.triangles.iter().enumerate() {
             for (side, (from, to)) in edges(corners).into_iter().enumerate() {
                 sides.push(((from.min(to), from.max(to)), triangle, side));
             }
         }
         sides.sort_unstable();
+        sides
+    }
+
+    /// The triangle across each edge, and whether it passes the edge the same way, which none should.
+    fn neighbours(&self) -> Result<Vec<[(usize, bool); 3]>, SurfaceFlaw> {
+        let sides = self.sides();
         let mut neighbours = vec![[(0, false); 3]; self.triangles.len()];
         let (mut open, mut first) = (0, None);
         for at_edge in sides.chunk_by(|one, other| one.0 == other.0) {
@@ -213,12 +269,7 @@ impl TriangleMesh {
             hollows.push((0..parts.len()).filter(holds).count() % 2 == 1);
         }
         for (part, is_hollow) in parts.iter().zip(&hollows) {
-            let volumes = part.iter().map(|triangle| {
-                let origin = self.corners(part[0])[0];
-                let [a, b, c] = self.corners(*triangle).map(|at| at - origin);
-                a.dot(&b.cross(&c))
-            });
-            if (volumes.sum::<f64>() < 0.0) != *is_hollow {
+            if (self.part_volume_m3(part) < 0.0) != *is_hollow {
                 for &triangle in part {
                     self.triangles[triangle].swap(1, 2);
                     turned[triangle] = !turned[triangle];

@@ -1,7 +1,7 @@
 //! STL files, ASCII and binary.
 //!
-//! Entry point: [`read_stl`]. A binary file's title may begin as an ASCII file does: its other bytes tell. Numbers are of 32
-//! bits in both.
+//! Entry point: [`read_stl`]. A binary file's title may begin as an ASCII file does: its size tells. Numbers are of 32 bits in
+//! both.
 
 use super::TriangleMesh;
 use crate::MeshError;
@@ -24,13 +24,21 @@ pub(super) fn read_stl(bytes: &[u8]) -> Result<TriangleMesh, MeshError> {
         .get(TITLE..HEAD)
         .and_then(|count| count.try_into().ok());
     let count = count.map(u32::from_le_bytes);
-    // No text has a byte that is zero; the number of triangles has, and what else is there mostly.
-    let word = bytes.trim_ascii_start().get(..5);
+    let size = count.map(|count| HEAD as u64 + TRIANGLE as u64 * u64::from(count));
+    // No text has a byte that is zero, but after its end.
+    let padding = bytes.iter().rev().take_while(|byte| **byte == 0).count();
+    let text = &bytes[..bytes.len() - padding];
+    let word = text.trim_ascii_start().get(..5);
     let is_text =
-        word.is_some_and(|word| word.eq_ignore_ascii_case(b"solid")) && !bytes.contains(&0);
+        word.is_some_and(|word| word.eq_ignore_ascii_case(b"solid")) && !text.contains(&0);
     match count {
-        _ if is_text => ascii(bytes),
-        Some(count) => binary(bytes, count),
+        Some(count) if size == Some(bytes.len() as u64) => binary(bytes, count),
+        _ if is_text => ascii(text),
+        Some(count) => Err(MeshError::WrongSize {
+            count,
+            size: size.unwrap_or_default(),
+            found: bytes.len() as u64,
+        }),
         None => Err(Scan::new(bytes, Coding::Words, None).expected(
             "an STL file: `solid` as the first word, or 84 bytes before the triangles",
             &String::from_utf8_lossy(bytes),

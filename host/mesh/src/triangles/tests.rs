@@ -93,9 +93,9 @@ fn an_stl_is_told_by_its_bytes_and_not_by_its_first_word() {
             "{title}"
         );
     }
-    // More than the count says is no part of it.
-    let longer = [binary(b"made by hand"), vec![b'x'; 9]].concat();
-    assert_eq!(read(&longer), Ok(whole.clone()));
+    // Filled up with zeros a text stays a text.
+    let padded = [ascii("solid box").into_bytes(), vec![0; 512]].concat();
+    assert_eq!(read(&padded), Ok(whole.clone()));
     // Two solids in a file: two boxes on each other.
     let twice = ascii("solid one") + &ascii("solid");
     assert_eq!(
@@ -121,8 +121,18 @@ fn what_is_no_stl_is_told_with_its_line_or_byte() {
     let cut = told(&text.as_bytes()[..text.len() / 2]);
     assert!(cut.contains("is it cut off?"), "{cut}");
     let whole = binary(b"solid");
-    let cut = told(&whole[..whole.len() - 1]);
-    assert!(cut.contains("50 bytes for each of 12 triangles"), "{cut}");
+    for (bytes, found) in [
+        (whole[..whole.len() - 1].to_vec(), 683),
+        ([whole.clone(), vec![b'x'; 9]].concat(), 693),
+        (binary(b"made by hand")[..84].to_vec(), 84),
+    ] {
+        let size = told(&bytes);
+        let said = format!("12 triangles, which take 684 bytes, and has {found} bytes");
+        assert!(size.contains(&said), "{size}");
+    }
+    let mut none = whole.clone();
+    none[80..84].fill(0);
+    assert!(told(&none).contains("0 triangles, which take 84 bytes, and has 684"));
     let short = told(b"no surface");
     assert!(
         short.contains("expected an STL file") && short.contains("`no surface`"),
@@ -307,7 +317,7 @@ fn what_can_be_put_right_in_one_way_is() {
         dropped_triangles: 2,
         turned_triangles: 6,
         parts: 1,
-        hollows: 0,
+        ..Repaired::default()
     };
     assert_eq!(repaired, expected);
     assert_eq!((surface.points_m.len(), surface.triangles.len()), (8, 12));
@@ -330,6 +340,82 @@ fn what_can_be_put_right_in_one_way_is() {
         Ok(12)
     );
     assert!((volume(&inside_out) - 8.0).abs() < 1e-12);
+}
+
+/// The surface of a box of 6 x 6 x 6 cubes.
+fn fine() -> TriangleMesh {
+    let mesh = crate::slab([1.0; 3], [6; 3]).expect("a slab");
+    TriangleMesh::new(mesh.points_m().to_vec(), mesh.surface().triangles.clone())
+}
+
+/// One triangle at an edge of a box has its points, the other not (T-vertices): it is split there.
+#[test]
+fn points_on_the_edges_of_others_become_corners() {
+    let mut surface = cuboid(1.0, 2.0);
+    assert_eq!(surface.triangles[0], [0, 2, 3]);
+    // From corner 0 to corner 2, a little beside the edge.
+    let along = [0.1, 0.4, 0.9].map(|part| [1.0 + 1e-7, 1.0 + 2.0 * part, 1.0]);
+    surface.points_m.extend(along);
+    surface.triangles[0] = [0, 8, 3];
+    surface
+        .triangles
+        .extend([[8, 9, 3], [10, 9, 3], [10, 2, 3]]);
+    let repaired = surface.repair().expect("a box");
+    let expected = Repaired {
+        split_edges: 3,
+        turned_triangles: 1,
+        parts: 1,
+        ..Repaired::default()
+    };
+    assert_eq!(repaired, expected);
+    assert_eq!(surface.triangles.len(), 12 + 3 + 3);
+    assert!((volume(&surface) - 8.0).abs() < 1e-6);
+    // Those that are new are of the face that was split, that from corner 0 to 6 and 2.
+    assert_eq!([15, 16, 17].map(|triangle| surface.face(triangle)), [9; 3]);
+}
+
+/// Holes of few edges are filled however they are bent, flat ones however many edges they have: the box is whole again.
+#[test]
+fn small_and_flat_holes_are_filled() {
+    let whole = cuboid(0.0, 2.0);
+    // A triangle; a side; and all around a corner, which is cut off by that.
+    for (kept, expected_m3) in [
+        ((|k, _| k != 3) as fn(usize, &[u32; 3]) -> bool, 8.0),
+        (|k, _| k > 1, 8.0),
+        (|_, triangle| !triangle.contains(&7), f64::NAN),
+    ] {
+        let mut surface = whole.clone();
+        let mut numbers = 0..;
+        surface
+            .triangles
+            .retain(|triangle| numbers.next().is_some_and(|k| kept(k, triangle)));
+        let repaired = surface.repair().expect("a box");
+        assert_eq!((repaired.filled_holes, repaired.parts), (1, 1));
+        let volume_m3 = volume(&surface);
+        let is_expected = (volume_m3 - expected_m3).abs() < 1e-12;
+        assert!(
+            is_expected || expected_m3.is_nan() && (1.0..8.0).contains(&volume_m3),
+            "{volume_m3}"
+        );
+    }
+    // The top of a box of cubes: a ring of 24 edges, most of them in one line.
+    let mut surface = fine();
+    let points_m = surface.points_m.clone();
+    let top = points_m.iter().map(|at| at[2]).fold(f64::MIN, f64::max);
+    surface.triangles.retain(|triangle| {
+        triangle
+            .iter()
+            .any(|point| points_m[*point as usize][2] < top)
+    });
+    let repaired = surface.repair().expect("a box");
+    assert_eq!(repaired.filled_holes, 1);
+    assert!((volume(&surface) - 1.0).abs() < 1e-12);
+    // Two holes of a box of cubes that are apart are two.
+    let mut surface = fine();
+    surface.triangles.swap_remove(100);
+    surface.triangles.swap_remove(7);
+    assert_eq!(surface.repair().map(|done| done.filled_holes), Ok(2));
+    assert!((volume(&surface) - 1.0).abs() < 1e-12);
 }
 
 /// A box in a box is a hollow, whichever way it looked; one in that is solid again; one beside them is a part of its own.
@@ -359,10 +445,68 @@ fn what_others_have_to_mend_is_told_with_its_faces() {
         change(&mut surface);
         surface.repair().expect_err("no solid")
     };
+    // Two holes that meet in a point: which of its edges go on in which hole nothing says.
     let open = refused(&|surface| {
-        surface.triangles.remove(3);
+        surface.triangles.remove(10);
+        surface.triangles.remove(0);
     });
-    assert!(matches!(open, SurfaceFlaw::Open { edges: 3, .. }), "{open}");
+    assert!(
+        matches!(
+            open,
+            SurfaceFlaw::Open {
+                face: 0,
+                edges: 6,
+                ..
+            }
+        ),
+        "{open}"
+    );
+    // One side alone: what fills its rim holds nothing. And so beside a box.
+    let sheet = |surface: &mut TriangleMesh| surface.triangles.truncate(2);
+    let open = refused(&sheet);
+    assert!(
+        matches!(
+            open,
+            SurfaceFlaw::Open {
+                face: 0,
+                edges: 4,
+                ..
+            }
+        ),
+        "{open}"
+    );
+    let mut one = cuboid(5.0, 2.0);
+    sheet(&mut one);
+    let open = both(cuboid(0.0, 2.0), &one).repair().expect_err("a sheet");
+    assert!(
+        matches!(
+            open,
+            SurfaceFlaw::Open {
+                face: 12,
+                edges: 4,
+                ..
+            }
+        ),
+        "{open}"
+    );
+    // A corner torn off along steps.
+    let mut torn = fine();
+    let points_m = torn.points_m.clone();
+    torn.triangles.retain(|triangle| {
+        let at = |axis: usize| {
+            triangle
+                .iter()
+                .map(|point| points_m[*point as usize][axis])
+                .sum::<f64>()
+                / 3.0
+        };
+        at(0) + at(1) + at(2) < -0.5
+    });
+    let open = torn.repair().expect_err("a large hole");
+    assert!(
+        matches!(open, SurfaceFlaw::Open { edges: 13.., .. }),
+        "{open}"
+    );
     // A third triangle at the edge of the first and the second.
     let crowded = refused(&|surface| {
         surface.points_m.push([3.0; 3]);
@@ -416,22 +560,14 @@ fn what_others_have_to_mend_is_told_with_its_faces() {
     // Faces are counted as the file has them, two triangles each.
     let text = String::from_utf8(ply("ascii")).expect("text");
     let text = text
-        .replace("element face 6", "element face 5")
-        .replace("4 1 3 7 5 ", "");
-    let text = text.replacen("1 0.5 3 ", "3 ", 1);
+        .replace("element face 6", "element face 7")
+        .replace("4 1 3 7 5 ", "4 1 3 7 5 1 0.5 3 0 3 5 ");
     let read = SurfaceFormat::Ply.read(text.as_bytes(), 1.0);
-    let open = read.expect("five sides").repair().expect_err("open");
-    assert!(
-        matches!(
-            open,
-            SurfaceFlaw::Open {
-                face: 0,
-                edges: 4,
-                ..
-            }
-        ),
-        "{open}"
-    );
+    let crowded = read.expect("a box").repair().expect_err("a wall");
+    let SurfaceFlaw::Crowded { faces, .. } = crowded else {
+        panic!("{crowded}");
+    };
+    assert_eq!(faces, [0, 0, 6]);
 }
 
 /// Bytes changed at random end in an error or a surface, for each format.
