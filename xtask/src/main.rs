@@ -13,6 +13,7 @@ mod image;
 mod locks;
 mod made_of;
 mod mesher;
+mod notes;
 mod plots;
 mod python;
 mod run;
@@ -128,6 +129,14 @@ pip fetches numpy and pytest once; with --full what python/pyproject.toml names 
         #[arg(long)]
         full: bool,
     },
+    /// Prints what a release brings: its section of CHANGELOG.md.
+    #[command(after_help = "Examples:
+  cargo xtask notes             of the version that Cargo.toml has, released or not
+  cargo xtask notes v0.1.0      of a tag; fails while its section says Unreleased")]
+    Notes {
+        /// The tag, with or without its `v`.
+        tag: Option<String>,
+    },
     /// Fetches what the page of `sutura view` uses of others from npm, as host/view/vendor/vendor.toml says.
     #[command(after_help = "Examples:
   cargo xtask vendor            write the files into host/view/vendor
@@ -210,6 +219,7 @@ fn main() -> ExitCode {
         Command::Plots { check, from, sheet } => plots::all(check, from.as_deref(), sheet),
         Command::Book { tables } => book::build(tables),
         Command::Python { full } => python::all(full),
+        Command::Notes { tag } => notes::print(tag.as_deref()),
         Command::Vendor { check } => vendor::gated(check),
         Command::Fuzz { arguments } => fuzz::run(&arguments),
         Command::Bars(arguments) => bars::all(&arguments),
