@@ -216,7 +216,7 @@ const EXAMPLES: &[(&str, Way)] = &[
     ),
 ];
 
-/// The same for those that take long.
+/// The same for those that take long. Whole tables, which take hours, are made in their short form.
 const LONG: &[(&str, Way)] = &[
     (
         "sutura run --host-hz 50 --budget-ms 15",
@@ -497,7 +497,10 @@ fn feel(at: &Path, mut words: Vec<String>, seconds: &str, codes: &[i32]) -> Resu
 
 /// Runs an example; what is wrong, if anything.
 fn look(at: &Path, line: &str, way: Way) -> Result<(), String> {
-    let words = words(line);
+    let mut words = words(line);
+    if !words.iter().any(|word| word == "--only") {
+        words.retain(|word| word != "--full");
+    }
     // What an earlier example has written, and this one writes anew.
     for option in ["--out", "--record", "--shot", "--save-last"] {
         let file = words.windows(2).find(|two| two[0] == option);

@@ -1,5 +1,6 @@
 //! The command as it is installed: its version, what shells and `man` know of it, and an emulator's image beside it.
 
+use crate::full::full;
 use crate::support::{ran, root, sutura, sutura_in};
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -128,6 +129,45 @@ fn manifests_are_those_of_a_program_to_install() {
         .map(|target| &target["name"])
         .collect();
     assert_eq!(programs, ["sutura"]);
+}
+
+/// As the book's page on installing says, into a folder that was empty; it runs its own scene from anywhere. The page's size is this one's.
+#[test]
+fn the_command_is_installed_from_the_checkout() {
+    if !full() {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut install = Command::new("cargo");
+    install.args(["install", "--path", "host/cli", "--locked", "--root"]);
+    let installed = ran(install.arg(folder.path()).current_dir(root()));
+    assert_eq!(installed.code, 0, "{}", installed.stderr);
+    let program = folder.path().join("bin/sutura");
+    let megabytes = program.metadata().expect("there").len() as f64 / 1e6;
+    println!("{megabytes:.1} MB");
+    let page = std::fs::read_to_string(root().join("docs/src/install.md")).expect("readable");
+    let said = page
+        .split(" MB")
+        .next()
+        .and_then(|before| before.rsplit(' ').next());
+    let said: f64 = said.and_then(|word| word.parse().ok()).expect("a size");
+    assert!(
+        (megabytes / said - 1.0).abs() < 0.1,
+        "{megabytes} MB, not {said}"
+    );
+    let run = |arguments: &[&str]| {
+        ran(Command::new(&program)
+            .args(arguments)
+            .current_dir(folder.path()))
+    };
+    assert_eq!(run(&["--version"]).stdout, sutura(&["--version"]).stdout);
+    let felt = run(&["run", "--lockstep", "--seconds", "1", "--format", "json"]);
+    assert_eq!(felt.code, 0, "{}", felt.stderr);
+    assert!(
+        felt.json()["force_n"]["peak"].as_f64() > Some(0.3),
+        "{}",
+        felt.stdout
+    );
 }
 
 #[test]

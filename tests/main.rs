@@ -24,6 +24,7 @@ mod foxglove;
 mod full;
 mod help_examples;
 mod install;
+mod interrupted;
 mod killed_host;
 mod lockstep;
 mod messages;

@@ -2,7 +2,8 @@
 
     python sweep_tradeoff.py dask
     python sweep_tradeoff.py ray --kill      one worker is killed in the middle
-    python sweep_tradeoff.py dask --full     all cases: hours
+    python sweep_tradeoff.py dask --full     all cases
+    python sweep_tradeoff.py dask --times    and their times in a second pass, one case at a time on one worker
 
 Each case is a task. What a task costs to ship is printed: its bytes, those of its result, and the engine's time for a task
 that does nothing.
@@ -90,6 +91,7 @@ def main() -> int:
     parser.add_argument("engine", choices=["dask", "ray"])
     parser.add_argument("--kill", action="store_true", help="kill a worker after the first result")
     parser.add_argument("--full", action="store_true", help="all cases, settings and meshes")
+    parser.add_argument("--times", action="store_true", help="take times in a second pass")
     parser.add_argument("--only", default="", help="words in the names of cases or tissues")
     options = parser.parse_args()
     tasks = sutura.tradeoff_tasks(options.only, full=options.full)
@@ -112,6 +114,14 @@ def main() -> int:
             f"{options.engine}: {len(tasks)} tasks in {took_s:.1f} s; a task is at most {task_bytes} bytes to ship, a result {result_bytes}; "
             f"an empty task takes {ship_ms:.1f} ms"
         )
+        if options.times:
+            table = sutura.tradeoff_times(options.only, full=options.full, engine=options.engine, client=client)
+            for made in table["made"]:
+                front = [line for line in table["cases"] if line["case"] in made["cases"] and line["pareto"]]
+                print(
+                    f"{', '.join(made['cases'])}: {len(front)} lines at the front, on {made['machine']['host']}, load "
+                    f"{made['load_before']}; others kept {made['others']:.2f} processors busy, idle: {made['idle']}"
+                )
 
     {"dask": dask, "ray": ray}[options.engine](use)
     if options.full:

@@ -3,6 +3,7 @@
 use miette::{Diagnostic, GraphicalReportHandler, GraphicalTheme};
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
+use std::ops::ControlFlow;
 use sutura_host::link::LinkError;
 use sutura_host::session;
 
@@ -97,4 +98,27 @@ pub fn said(error: &dyn Diagnostic) -> String {
 /// What Python wants to do about Ctrl-C.
 pub fn interrupted() -> PyResult<()> {
     Python::attach(|py| py.check_signals())
+}
+
+/// Looks for Ctrl-C for work that asks whether to go on.
+#[derive(Default)]
+pub struct Watch(Option<PyErr>);
+
+impl Watch {
+    /// Whether to go on.
+    pub fn then(&mut self) -> ControlFlow<()> {
+        match interrupted() {
+            Ok(()) => ControlFlow::Continue(()),
+            Err(error) => {
+                self.0 = Some(error);
+                ControlFlow::Break(())
+            }
+        }
+    }
+
+    /// # Errors
+    /// What has stopped the work.
+    pub fn end(self) -> PyResult<()> {
+        self.0.map_or(Ok(()), Err)
+    }
 }

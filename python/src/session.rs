@@ -1,7 +1,7 @@
 //! Sessions, tick by tick on the virtual console or in real time on any, and recordings run again. Entry points from Python: `sutura.run`,
 //! `sutura.replay`. Both return JSON with the keys of the command's.
 
-use crate::error::{self, Error, interrupted};
+use crate::error::{self, Error, Watch};
 use crate::scene::Scene;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -52,22 +52,14 @@ pub fn run_session(
         let recorder = Recorder::start(record.as_deref(), about, sources);
         let recorder = recorder.map_err(|error| of_recording(&error))?;
         let mut solver = TappedSolver::new(&mut solver, recorder.tap()).sketched(&inner);
-        let mut stopped = None;
-        let watch = |_: &Progress<'_>| match interrupted() {
-            Ok(()) => ControlFlow::Continue(()),
-            Err(error) => {
-                stopped = Some(error);
-                ControlFlow::Break(())
-            }
-        };
+        let mut watch = Watch::default();
+        let watched = |_: &Progress<'_>| watch.then();
         let summary = match lockstep {
-            true => in_lockstep(&plan, &mut solver, &recorder.tap(), watch),
-            false => in_real_time(console, &plan, &mut solver, &recorder.tap(), watch),
+            true => in_lockstep(&plan, &mut solver, &recorder.tap(), watched),
+            false => in_real_time(console, &plan, &mut solver, &recorder.tap(), watched),
         };
         recorder.finish().map_err(|error| of_recording(&error))?;
-        if let Some(error) = stopped {
-            return Err(error);
-        }
+        watch.end()?;
         serde_json::to_string(&summary?).map_err(|error| Error::new_err(error.to_string()))
     })
 }
@@ -173,23 +165,10 @@ pub fn replay_session(py: Python<'_>, path: PathBuf, build: String) -> PyResult<
         let scene = recording.scene().map_err(|error| error::of_scene(&error))?;
         let solver = SceneSolver::for_session(&scene, &about.plan);
         let mut solver = solver.map_err(|error| error::of_solve(&error))?;
-        let mut stopped = None;
+        let mut watch = Watch::default();
         let same_bits = about.same_bits(&here);
-        let host = replay_host_while(
-            &recording,
-            &mut solver,
-            same_bits,
-            |_, _| match interrupted() {
-                Ok(()) => ControlFlow::Continue(()),
-                Err(error) => {
-                    stopped = Some(error);
-                    ControlFlow::Break(())
-                }
-            },
-        );
-        if let Some(error) = stopped {
-            return Err(error);
-        }
+        let host = replay_host_while(&recording, &mut solver, same_bits, |_, _| watch.then());
+        watch.end()?;
         let report = Report::of(&path, &recording, &console, &host);
         serde_json::to_string(&report).map_err(|error| Error::new_err(error.to_string()))
     })

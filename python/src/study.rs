@@ -1,12 +1,16 @@
 //! The studies' tables. Entry points from Python: `sutura.tradeoff`, `sutura.merge`, `sutura.stability`, `sutura.fidelity`. All return
-//! JSON with the keys of the command's.
+//! JSON with the keys of the command's, and hand on each line as it is found.
 
 use crate::error::{self, Error, interrupted};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use serde::Serialize;
 use std::ops::ControlFlow;
-use sutura_study::fidelity::case::Scenes;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::thread::Builder;
+use std::time::Duration;
+use sutura_study::fidelity::case::{Case, Scenes};
 use sutura_study::fidelity::report::{Report, chosen};
 use sutura_study::fidelity::{mutants, oracles, suite};
 use sutura_study::stability::suite as extremes;
@@ -15,8 +19,10 @@ use sutura_study::tradeoff::table::{Plan, Share, merge};
 
 /// What a package of this release calls its program.
 const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), " (python)");
-/// Cases between two looks for Ctrl-C, for every thread.
-const AT_ONCE: usize = 8;
+/// Between two looks for Ctrl-C.
+const LOOK: Duration = Duration::from_millis(50);
+/// Stack of a thread that works \[bytes\]: as the system gives a program's first.
+const STACK: usize = 8 << 20;
 
 /// Names of the trade-off's cases: see `sutura.tradeoff_cases`.
 #[pyfunction]
@@ -35,26 +41,17 @@ pub fn tradeoff(
     full: bool,
     timed: bool,
     cases: Option<&str>,
+    each: Option<Py<PyAny>>,
 ) -> PyResult<String> {
     let share = cases.map_or(Ok(Share::ALL), str::parse);
     let share: Share = share.map_err(|error| PyValueError::new_err(format!("cases: {error}")))?;
     let extent = Extent { full, timed };
     let plan = Plan::new(extent, only, share);
     let plan = plan.map_err(|error| PyValueError::new_err(error::said(&error)))?;
-    py.detach(|| {
-        let mut stopped = None;
-        let table = plan.measure(PROGRAM, &mut |_| match interrupted() {
-            Ok(()) => ControlFlow::Continue(()),
-            Err(error) => {
-                stopped = Some(error);
-                ControlFlow::Break(())
-            }
-        });
-        match stopped {
-            Some(error) => Err(error),
-            None => json(&table.map_err(Error::new_err)?),
-        }
-    })
+    let table = watched(py, each, |lines| {
+        plan.measure(PROGRAM, &mut |line| lines.then(&line))
+    })?;
+    json(&table.map_err(Error::new_err)?)
 }
 
 /// One table of shares, each with its name: see `sutura.merge`.
@@ -66,30 +63,25 @@ pub fn merge_tradeoff(shares: Vec<(String, String)>) -> PyResult<String> {
 
 /// What models, rows and console do at the extremes: see `sutura.stability`.
 #[pyfunction]
-pub fn stability(py: Python<'_>, only: &str, full: bool) -> PyResult<String> {
+pub fn stability(
+    py: Python<'_>,
+    only: &str,
+    full: bool,
+    each: Option<Py<PyAny>>,
+) -> PyResult<String> {
     let words: Vec<_> = only.split_whitespace().collect();
-    py.detach(|| {
-        let mut stopped = None;
-        let cases = extremes::measure(full, &words, &mut |_| match interrupted() {
-            Ok(()) => ControlFlow::Continue(()),
-            Err(error) => {
-                stopped = Some(error);
-                ControlFlow::Break(())
-            }
-        });
-        if let Some(error) = stopped {
-            return Err(error);
-        }
-        let cases = cases.map_err(|error| error::of_scene(&error))?;
-        if cases.is_empty() {
-            return Err(PyValueError::new_err(format!(
-                "no case has all the words `{}`: words are parts of a tissue or of what is extreme, as `corotational`, `turn`, `rows`, \
-                 `console`",
-                words.join(" ")
-            )));
-        }
-        json(&extremes::Table::of(full, cases))
-    })
+    let cases = watched(py, each, |lines| {
+        extremes::measure(full, &words, &mut |line| lines.then(line))
+    })?;
+    let cases = cases.map_err(|error| error::of_scene(&error))?;
+    if cases.is_empty() {
+        return Err(PyValueError::new_err(format!(
+            "no case has all the words `{}`: words are parts of a tissue or of what is extreme, as `corotational`, `turn`, `rows`, \
+             `console`",
+            words.join(" ")
+        )));
+    }
+    json(&extremes::Table::of(full, cases))
 }
 
 /// How true and how stable the console's force is: see `sutura.fidelity`.
@@ -99,6 +91,7 @@ pub fn fidelity(
     only: &str,
     full: bool,
     threads: Option<usize>,
+    each: Option<Py<PyAny>>,
 ) -> PyResult<String> {
     let extent = if full {
         suite::Extent::Full
@@ -117,27 +110,91 @@ pub fn fidelity(
     if threads == 0 {
         return Err(PyValueError::new_err("threads is 0: give 1 or more"));
     }
-    py.detach(|| {
-        let scenes = Scenes::load().map_err(|error| error::of_scene(&error))?;
-        let unsound =
-            |error| Error::new_err(format!("the simulated console is no valid device: {error}"));
-        let mut cases = Vec::with_capacity(specs.len());
-        for some in specs.chunks(AT_ONCE * threads) {
-            cases.extend(suite::measure(some, &scenes, threads, &|_, _| {}).map_err(unsound)?);
-            interrupted()?;
-        }
-        let oracles = match whole {
-            true => oracles::oracles().map_err(unsound)?,
+    let scenes = Scenes::load().map_err(|error| error::of_scene(&error))?;
+    let measured = watched(py, each, |lines| {
+        let cases = suite::measure(&specs, &scenes, threads, &|_, case| lines.then(case))?;
+        let oracles = match whole && lines.go_on().is_continue() {
+            true => oracles::oracles()?,
             false => Vec::new(),
         };
-        let guards = match whole && full {
-            true => mutants::mutants(&scenes, threads, &|_, _| {}).map_err(unsound)?,
+        let told = |_: usize, _: &Case| lines.go_on();
+        let guards = match whole && full && lines.go_on().is_continue() {
+            true => mutants::mutants(&scenes, threads, &told)?,
             false => Vec::new(),
         };
-        json(&Report::of(extent, cases, oracles, guards, Vec::new()))
-    })
+        Ok(Report::of(extent, cases, oracles, guards, Vec::new()))
+    })?;
+    let unsound = |error: sutura_shared::device::DeviceError| {
+        Error::new_err(format!("the simulated console is no valid device: {error}"))
+    };
+    json(&measured.map_err(unsound)?)
 }
 
 fn json(result: &impl Serialize) -> PyResult<String> {
     serde_json::to_string(result).map_err(|error| Error::new_err(error.to_string()))
+}
+
+/// Where work tells of its lines, and hears whether to go on.
+struct Lines<'a> {
+    found: Sender<String>,
+    stop: &'a AtomicBool,
+}
+
+impl Lines<'_> {
+    /// Tells of a line.
+    fn then(&self, line: &impl Serialize) -> ControlFlow<()> {
+        // Nobody to hear it is told by `stop`.
+        let _ = serde_json::to_string(line).map(|line| self.found.send(line));
+        self.go_on()
+    }
+
+    fn go_on(&self) -> ControlFlow<()> {
+        match self.stop.load(Ordering::Relaxed) {
+            true => ControlFlow::Break(()),
+            false => ControlFlow::Continue(()),
+        }
+    }
+}
+
+/// Works on a thread of its own, while this one looks for Ctrl-C and calls `each` with every line, as JSON. What either raises stops
+/// the work after the line at hand.
+///
+/// # Errors
+/// What was raised.
+fn watched<T: Send>(
+    py: Python<'_>,
+    each: Option<Py<PyAny>>,
+    work: impl FnOnce(&Lines<'_>) -> T + Send,
+) -> PyResult<T> {
+    let stop = &AtomicBool::new(false);
+    let (found, lines) = channel();
+    let told = Lines { found, stop };
+    let hand_on = move |line: String| {
+        let call = |each: &Py<PyAny>| Python::attach(|py| each.call1(py, (line,)).map(drop));
+        each.as_ref().map_or(Ok(()), call)
+    };
+    py.detach(move || {
+        std::thread::scope(|scope| {
+            // What tells of lines ends with the work.
+            let worker = Builder::new().stack_size(STACK);
+            let worker = worker.spawn_scoped(scope, move || work(&told));
+            let worker = worker.map_err(|error| Error::new_err(format!("no thread: {error}")))?;
+            let (mut raised, mut heard) = (Ok(()), Ok(()));
+            loop {
+                // After Ctrl-C lines are handed on that are found by then.
+                match lines.recv_timeout(LOOK) {
+                    Ok(line) if heard.is_ok() => heard = hand_on(line),
+                    Err(RecvTimeoutError::Disconnected) => break,
+                    _ => {}
+                }
+                if raised.is_ok() {
+                    raised = interrupted();
+                }
+                stop.store(raised.is_err() || heard.is_err(), Ordering::Relaxed);
+            }
+            let done = worker.join();
+            let done = done.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            raised.and(heard).map(|()| done)
+        })
+    })
 }

@@ -4,6 +4,7 @@ import json
 import pickle
 import subprocess
 import sys
+import warnings
 
 import pytest
 from conftest import ROOT
@@ -29,6 +30,23 @@ def test_the_tradeoff_is_measured_and_says_where():
         assert untimed["step_us"] is None and untimed["runs"] == 0 and not untimed["pareto"]
         assert {k: v for k, v in timed.items() if k not in TIMES} == {k: v for k, v in untimed.items() if k not in TIMES}
     assert errors["best"] == []
+
+
+def test_times_come_from_a_second_pass_case_by_case():
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        table = sutura.tradeoff_times("beam linear")
+    assert [made["cases"] for made in table["made"]] == [["beam-tension"], ["beam-bending"]]
+    for made in table["made"]:
+        assert made["timed"] and made["machine"]["simd"] and made["load_before"] is not None
+        assert made["idle"] is (made["others"] <= 0.5)
+    # Marked and warned of, where the machine had other work.
+    busy = [made["cases"][0] for made in table["made"] if not made["idle"]]
+    assert [str(each.message).split(":")[0] for each in warned] == busy
+    for case in ("beam-tension", "beam-bending"):
+        assert any(line["pareto"] for line in table["cases"] if line["case"] == case)
+    whole = sutura.tradeoff("beam linear", timed=False)
+    assert [line["error_pct"] for line in table["cases"]] == [line["error_pct"] for line in whole["cases"]]
 
 
 def test_shares_are_merged_or_refused_by_name(tmp_path):
@@ -59,6 +77,7 @@ def test_shares_are_merged_or_refused_by_name(tmp_path):
         (lambda: sutura.fidelity("nothing"), "no case has all the words `nothing`: words are whole"),
         (lambda: sutura.fidelity("palpation", threads=0), "threads is 0: give 1 or more"),
         (lambda: next(sutura.sweep([], "slurm")), "engine is 'slurm': give one of 'local', 'dask', 'ray'"),
+        (lambda: sutura.tradeoff_times("beam", engine="slurm"), "engine is 'slurm': give one of 'local', 'dask', 'ray'"),
         (lambda: sutura.run_task({"measure": "time"}), r"task\['measure'\] is 'time': give one of 'tradeoff', 'force'"),
         (lambda: sutura.run_task({"measure": "tradeoff"}), "has no 'case': it needs case"),
         (
@@ -113,11 +132,44 @@ def test_a_local_sweep_runs_every_task_that_can_be_shipped(slab):
 @pytest.mark.parametrize("engine", ["dask", "ray"])
 def test_two_workers_one_of_them_killed_find_the_errors_of_one_process(engine):
     example = ROOT / "python/examples/sweep_tradeoff.py"
-    for extra in ([], ["--kill"]):
+    for extra in (["--times"], ["--kill"]):
         ran = subprocess.run(
             [sys.executable, "-W", "ignore", str(example), engine, *extra], capture_output=True, text=True, timeout=1200
         )
         assert ran.returncode == 0, ran.stdout + ran.stderr
         print(ran.stdout)
         assert "the errors are those of one process" in ran.stdout and "bytes to ship" in ran.stdout
-        assert ("a worker was killed" in ran.stdout) == bool(extra), ran.stdout
+        assert ("a worker was killed" in ran.stdout) == (extra == ["--kill"]), ran.stdout
+        assert ("lines at the front, on" in ran.stdout) == (extra == ["--times"]), ran.stdout
+
+
+@pytest.mark.parametrize(
+    ("call", "status"),
+    [
+        ("tradeoff('beam-tension', timed=False, each=each)", "error_pct"),
+        ("stability('chainmail', full=True, each=each)", "outcome"),
+        ("fidelity('return point', threads=1, each=each)", "energy_min_j"),
+    ],
+)
+def test_ctrl_c_leaves_the_lines_by_then(call, status):
+    # In a process of its own: the signal is of the whole process.
+    script = f"""
+import os, signal, sutura
+lines = []
+def each(line):
+    lines.append(line)
+    if len(lines) == 1:
+        os.kill(os.getpid(), signal.SIGINT)
+try:
+    sutura.{call}
+except KeyboardInterrupt:
+    print(len(lines), {status!r} in lines[0])
+"""
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=300)
+    count, has_key = ran.stdout.split()
+    assert 1 <= int(count) <= 3 and has_key == "True", ran.stdout + ran.stderr
+
+
+def test_what_each_raises_ends_a_table():
+    with pytest.raises(KeyError, match="mine"):
+        sutura.stability("chainmail", full=True, each=lambda line: {}["mine"])

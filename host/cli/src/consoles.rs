@@ -394,20 +394,7 @@ fn exchange(port: &mut dyn Port, down: &mut Vec<u8>, rest: &mut Vec<u8>) -> io::
 
 /// Writes and judges a report.
 fn judge(report: &Report, port: &str, out: Option<&Path>, global: &Global) -> Result<(), Failure> {
-    if let Some(path) = out {
-        let line = |found: &Found| {
-            let verdict = found.verdict.word();
-            format!("{verdict} {} {}\n", found.name, found.figure)
-        };
-        let text: String = report.checks.iter().map(line).collect();
-        std::fs::write(path, text).map_err(|error| {
-            Failure::say(
-                Cause::BadInput,
-                format!("cannot write {}: {error}", path.display()),
-                "name a file that can be written with --out",
-            )
-        })?;
-    }
+    let written = out.map_or(Ok(()), |path| keep(report, path));
     let failed: Vec<&str> = report
         .checks
         .iter()
@@ -424,10 +411,16 @@ fn judge(report: &Report, port: &str, out: Option<&Path>, global: &Global) -> Re
             checks: &report.checks,
         });
     }
+    // A JSON object has said it already.
+    let told = |failure: Failure| match json {
+        true => failure.after_summary(),
+        false => failure,
+    };
+    written.map_err(told)?;
     if failed.is_empty() {
         return Ok(());
     }
-    let failure = Failure::say(
+    Err(told(Failure::say(
         Cause::Failed,
         format!(
             "{} of {} checks failed: {}",
@@ -436,12 +429,21 @@ fn judge(report: &Report, port: &str, out: Option<&Path>, global: &Global) -> Re
             failed.join(", ")
         ),
         "look at the jumpers of those first, then at the board: the wiring page has both",
-    );
-    // A JSON object has said it already.
-    Err(if json {
-        failure.after_summary()
-    } else {
-        failure
+    )))
+}
+
+fn keep(report: &Report, path: &Path) -> Result<(), Failure> {
+    let line = |found: &Found| {
+        let verdict = found.verdict.word();
+        format!("{verdict} {} {}\n", found.name, found.figure)
+    };
+    let text: String = report.checks.iter().map(line).collect();
+    std::fs::write(path, text).map_err(|error| {
+        Failure::say(
+            Cause::BadInput,
+            format!("cannot write {}: {error}", path.display()),
+            "name a file that can be written with --out",
+        )
     })
 }
 

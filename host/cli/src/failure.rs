@@ -26,11 +26,13 @@ pub enum Cause {
     Budget = 7,
     /// A session whose contact was not felt.
     NotRendered = 8,
+    /// Ctrl-C or a `kill` before a table was whole, or a second one: as shells have it.
+    Interrupted = 130,
 }
 
 impl Cause {
     /// In the order of their codes.
-    pub const ALL: [Cause; 8] = [
+    pub const ALL: [Cause; 9] = [
         Cause::Failed,
         Cause::BadInput,
         Cause::NoConsole,
@@ -39,6 +41,7 @@ impl Cause {
         Cause::Diverged,
         Cause::Budget,
         Cause::NotRendered,
+        Cause::Interrupted,
     ];
 
     /// What it means, in the words of the book.
@@ -60,6 +63,9 @@ impl Cause {
                 "a session whose contact was not felt: steps found a force and none was rendered, or more than a fifth of \
                  the steps in contact were withheld or not balanced, once those are a quarter of a second's"
             }
+            Cause::Interrupted => {
+                "by Ctrl-C or `kill` before a table was whole: it has what there was by then; of other commands a second Ctrl-C"
+            }
         }
     }
 
@@ -79,6 +85,7 @@ impl Cause {
             Cause::Diverged => "diverged",
             Cause::Budget => "budget-missed",
             Cause::NotRendered => "not-rendered",
+            Cause::Interrupted => "interrupted",
         }
     }
 }
@@ -210,6 +217,7 @@ mod tests {
             (Cause::Diverged, 6),
             (Cause::Budget, 7),
             (Cause::NotRendered, 8),
+            (Cause::Interrupted, 130),
         ];
         for (cause, code) in pinned {
             assert_eq!(cause.code(), code, "{cause:?}");

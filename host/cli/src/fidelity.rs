@@ -4,11 +4,13 @@
 
 use crate::display::progress;
 use crate::failure::{Cause, Failure};
+use crate::signals::{interrupted, stop_after_a_line, then};
 use crate::tables::{Kept, csv, unwritable, write_pictures};
 use crate::{Format, Global};
 use clap::Args;
 use std::path::{Path, PathBuf};
 use sutura_shared::device::DeviceError;
+use sutura_study::INTERRUPTED;
 use sutura_study::fidelity::case::{Case, Scenes};
 use sutura_study::fidelity::corners;
 use sutura_study::fidelity::mutants::{self, Mutant};
@@ -93,24 +95,26 @@ pub fn run(args: &FidelityArgs, global: &Global) -> Result<(), Failure> {
         }
     }
     let scenes = Scenes::load()?;
+    let stop = stop_after_a_line()?;
     let bar = progress(specs.len());
     let told = |done: usize, case: &Case| {
         bar.set_position(done as u64);
         bar.set_message(case.case.clone());
+        then(&stop)
     };
     let kept = Kept::within(args.plot.as_deref())?;
     let measured = |done: usize, case: &Case| {
-        told(done, case);
         kept.line(case);
+        told(done, case)
     };
     let cases = suite::measure(&specs, &scenes, threads, &measured).map_err(unsound)?;
     let whole = args.only.is_none();
-    let oracles = if whole && !args.guards {
+    let oracles = if whole && !args.guards && then(&stop).is_continue() {
         oracles().map_err(unsound)?
     } else {
         Vec::new()
     };
-    let guards = if args.guards || args.full && whole {
+    let guards = if (args.guards || args.full && whole) && then(&stop).is_continue() {
         let runs = (1 + Switch::all().len()) * mutants::specs().len();
         bar.set_length(runs as u64);
         mutants::mutants(&scenes, threads, &told).map_err(unsound)?
@@ -118,19 +122,28 @@ pub fn run(args: &FidelityArgs, global: &Global) -> Result<(), Failure> {
         Vec::new()
     };
     bar.finish_and_clear();
-    let traces = if args.plot.is_some() {
+    let is_whole = then(&stop).is_continue();
+    let traces = if args.plot.is_some() && is_whole {
         traces::of(&cases, &scenes)
     } else {
         Vec::new()
     };
-    let report = Report::of(extent, cases, oracles, guards, traces);
+    let mut report = Report::of(extent, cases, oracles, guards, traces);
     let missed = report.misses();
-    if let Some(directory) = &args.plot {
-        write_files(&report, directory)?;
+    if !is_whole {
+        report.status = INTERRUPTED;
     }
+    let written = match &args.plot {
+        Some(directory) => write_files(&report, directory),
+        None => Ok(()),
+    };
     match global.format {
         Format::Json => crate::display::object(&report),
         Format::Text => print_text(&report),
+    }
+    written.map_err(Failure::after_summary)?;
+    if !is_whole {
+        return Err(interrupted(report.cases.len()));
     }
     if missed && args.check {
         let missed = report.bars.iter().filter(|bar| !bar.ok && !bar.open);

@@ -89,7 +89,7 @@ Examples:
   sutura mesh info part.msh                 quality of a mesh, and whether scenes take it
 
 Exit codes: 0 ok, 1 failed, 2 bad usage or bad input, 3 no console, 4 protocol mismatch,
-5 console in latched fault, 6 replay diverged, 7 stated budget missed, 8 contact not felt.";
+5 console in latched fault, 6 replay diverged, 7 stated budget missed, 8 contact not felt, 130 interrupted.";
 
 /// Options that every command takes.
 #[derive(Args, Debug)]

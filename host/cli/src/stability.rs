@@ -3,12 +3,13 @@
 //! Entry point: [`run`]. Trials and criteria are the library's; here they are chosen and printed.
 
 use crate::failure::{Cause, Failure};
+use crate::signals::{interrupted, stop_after_a_line, then};
 use crate::tables::{Kept, csv, unwritable};
 use crate::{Format, Global};
 use clap::Args;
 use indicatif::ProgressBar;
-use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use sutura_study::INTERRUPTED;
 use sutura_study::stability::judge;
 use sutura_study::stability::suite::{self, Case, Table};
 
@@ -54,6 +55,7 @@ pub fn run(args: &StabilityArgs, global: &Global) -> Result<(), Failure> {
         .flat_map(|only| only.split_whitespace())
         .collect();
     let kept = Kept::within(args.plot.as_deref())?;
+    let stop = stop_after_a_line()?;
     // How many there are is known only when they have been run.
     let bar = ProgressBar::new_spinner();
     let mut told = |case: &Case| {
@@ -76,7 +78,7 @@ pub fn run(args: &StabilityArgs, global: &Global) -> Result<(), Failure> {
                 case.outcome
             );
         }
-        ControlFlow::Continue(())
+        then(&stop)
     };
     let cases = suite::measure(args.full, &words, &mut told)?;
     bar.finish_and_clear();
@@ -87,24 +89,27 @@ pub fn run(args: &StabilityArgs, global: &Global) -> Result<(), Failure> {
             "words are parts of a tissue or of what is extreme: `corotational`, `turn`, `rows`, `console`",
         ));
     }
-    let output = Table::of(args.full, cases);
+    let mut output = Table::of(args.full, cases);
+    let is_whole = then(&stop).is_continue();
+    if !is_whole {
+        output.status = INTERRUPTED;
+    }
     let cases = &output.cases;
     let defects: Vec<_> = cases
         .iter()
         .filter(|case| case.outcome == "defect")
         .collect();
-    if let Some(directory) = &args.plot {
-        for (name, text) in [
-            ("stability.json", serde_json::json!(output).to_string()),
-            ("stability.csv", csv(cases)),
-        ] {
-            let path = directory.join(name);
-            std::fs::write(&path, text).map_err(|error| unwritable(&path, &error))?;
-        }
-    }
+    let written = match &args.plot {
+        Some(directory) => write_files(&output, directory),
+        None => Ok(()),
+    };
     match global.format {
         Format::Json => crate::display::object(&output),
         Format::Text => print_text(cases),
+    }
+    written.map_err(Failure::after_summary)?;
+    if !is_whole {
+        return Err(interrupted(cases.len()));
     }
     if let Some(first) = defects.first() {
         return Err(Failure::say(
@@ -121,6 +126,17 @@ pub fn run(args: &StabilityArgs, global: &Global) -> Result<(), Failure> {
             "run it alone with --full --only",
         )
         .after_summary());
+    }
+    Ok(())
+}
+
+fn write_files(table: &Table, directory: &Path) -> Result<(), Failure> {
+    for (name, text) in [
+        ("stability.json", serde_json::json!(table).to_string()),
+        ("stability.csv", csv(&table.cases)),
+    ] {
+        let path = directory.join(name);
+        std::fs::write(&path, text).map_err(|error| unwritable(&path, &error))?;
     }
     Ok(())
 }

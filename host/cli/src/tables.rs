@@ -13,9 +13,9 @@ use std::sync::{Mutex, PoisonError};
 /// The failure to write one.
 pub fn unwritable(path: &Path, error: &std::io::Error) -> Failure {
     Failure::say(
-        Cause::BadInput,
+        Cause::Failed,
         format!("cannot write {}: {error}", path.display()),
-        "choose a directory that can be written with --plot",
+        "make room, or name a folder elsewhere with --plot",
     )
 }
 

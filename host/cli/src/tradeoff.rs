@@ -4,12 +4,13 @@
 
 use crate::display::progress;
 use crate::failure::{Cause, Failure};
+use crate::signals::{interrupted, stop_after_a_line, then};
 use crate::tables::{Kept, csv, unwritable, write_pictures};
 use crate::{Format, Global};
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
+use sutura_study::INTERRUPTED;
 use sutura_study::machine::{IDLE, load};
 use sutura_study::tradeoff::literature::FIGURES;
 use sutura_study::tradeoff::measure::{self, Extent};
@@ -102,6 +103,7 @@ pub fn run(args: &TradeoffArgs, global: &Global) -> Result<(), Failure> {
         tracing::info!("the machine is not idle: {load} processes ran in the last minute");
     }
     let kept = Kept::within(args.plot.as_deref())?;
+    let stop = stop_after_a_line()?;
     let bar = progress(plan.lines());
     let mut told = |line: Line<'_>| {
         bar.inc(1);
@@ -123,7 +125,7 @@ pub fn run(args: &TradeoffArgs, global: &Global) -> Result<(), Failure> {
             ),
             Line::Suture(_) => {}
         }
-        ControlFlow::Continue(())
+        then(&stop)
     };
     let table = plan.measure(env!("SUTURA_VERSION"), &mut told);
     bar.finish_and_clear();
@@ -134,9 +136,13 @@ pub fn run(args: &TradeoffArgs, global: &Global) -> Result<(), Failure> {
             "the other cases can be run by their names with --only",
         )
     })?;
-    if let Some(directory) = &args.plot {
-        write_files(&json!(table), directory)?;
+    if let Some(disturbed) = table.made[0].disturbed() {
+        tracing::warn!("{disturbed}");
     }
+    let written = match &args.plot {
+        Some(directory) => write_files(&json!(table), directory),
+        None => Ok(()),
+    };
     match global.format {
         Format::Json => crate::display::object(&table),
         Format::Text => {
@@ -145,7 +151,11 @@ pub fn run(args: &TradeoffArgs, global: &Global) -> Result<(), Failure> {
             print_literature();
         }
     }
-    Ok(())
+    written.map_err(Failure::after_summary)?;
+    match table.status {
+        INTERRUPTED => Err(interrupted(table.report.cases.len() + table.sutures.len())),
+        _ => Ok(()),
+    }
 }
 
 /// Makes one table of shares.
@@ -163,15 +173,18 @@ fn merged(args: &MergeArgs, global: &Global) -> Result<(), Failure> {
     };
     let shares: Vec<_> = args.files.iter().map(read).collect::<Result<_, _>>()?;
     let table = merge(&shares)?;
-    if let Some(directory) = &args.plot {
-        crate::files::folder("--plot", directory, global)?;
-        write_files(&table, directory)?;
-    }
+    let written = match &args.plot {
+        Some(directory) => {
+            crate::files::folder("--plot", directory, global)?;
+            write_files(&table, directory)
+        }
+        None => Ok(()),
+    };
     match global.format {
         Format::Json => crate::display::object(&table),
         Format::Text => say!("{}", words(&table)),
     }
-    Ok(())
+    written.map_err(Failure::after_summary)
 }
 
 impl From<NoPlan> for Failure {

@@ -1,6 +1,7 @@
 //! The simulation of the force: that it tells good renderings from bad ones, and a few of the bars, in a form
 //! short enough for every run of the tests. `sutura fidelity` has them all.
 
+use std::ops::ControlFlow;
 use sutura_shared::control::Rendering;
 use sutura_study::fidelity::around::Around;
 use sutura_study::fidelity::bars::{Bar, bars};
@@ -15,7 +16,8 @@ use sutura_study::fidelity::trials::{Factor, one_at_a_time};
 
 fn run(specs: &[Spec]) -> Vec<Case> {
     let scenes = Scenes::load().expect("the shipped scene");
-    let cases = measure(specs, &scenes, 1, &|_, _| {}).expect("sound mechanics");
+    let cases =
+        measure(specs, &scenes, 1, &|_, _| ControlFlow::Continue(())).expect("sound mechanics");
     for case in &cases {
         println!("{case:?}");
     }

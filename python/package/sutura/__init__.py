@@ -35,7 +35,7 @@ from ._sutura import (
 )
 from ._sessions import replay, run
 from ._studies import fidelity, merge, stability, tradeoff
-from ._sweep import run_task, sweep, tradeoff_tasks
+from ._sweep import run_task, sweep, tradeoff_tasks, tradeoff_times
 from ._toml import to_toml
 
 __all__ = [
@@ -67,6 +67,7 @@ __all__ = [
     "to_toml",
     "tradeoff",
     "tradeoff_tasks",
+    "tradeoff_times",
 ]
 
 

@@ -1,13 +1,16 @@
 """Many tasks at once: here, or handed to Dask or Ray, which must be installed (extras `dask` and `ray`).
 
 A task is a dict that can be pickled, run whole by one worker; a worker that is lost has its tasks run again by the engine. What comes
-back are errors of models, the same to the bit on every engine; times are of the machine and never among them.
+back are errors of models, the same to the bit on every engine; times are of the machine and never among them: `tradeoff_times` takes
+them in a second pass, one case at a time.
 """
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import importlib
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Literal
 
@@ -15,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _sutura
-from ._studies import tradeoff
+from ._studies import merge, tradeoff
 from ._toml import to_toml
 
 _Found = Iterator[tuple[int, dict[str, Any]]]
@@ -79,6 +82,70 @@ def sweep(
     return engines[engine]([dict(task) for task in tasks], client)
 
 
+def tradeoff_times(
+    only: str = "", *, full: bool = False, engine: Literal["local", "dask", "ray"] = "local", client: Any = None
+) -> dict[str, Any]:
+    """The table of `tradeoff`, with times and fronts: one case at a time, all on one machine of the engine.
+
+    "dask" takes the host of the client's first worker, and refuses one whose workers have other tasks; "ray" takes all
+    processors of the first node, so that it has no other. `made` has an entry for each case: the machine, its load, and how
+    many processors `others` kept busy meanwhile. A case beside which that was too much is marked there, `idle` is False, and warned of.
+    """
+    engines = {"local": _shares_here, "dask": _shares_by_dask, "ray": _shares_by_ray}
+    if engine not in engines:
+        raise ValueError(f"engine is {engine!r}: give one of {', '.join(map(repr, engines))}")
+    if client is not None and engine != "dask":
+        raise ValueError(f"client is for the engine 'dask', and engine is {engine!r}: leave it out")
+    count = len(_sutura.tradeoff_cases(only, full))
+    shares = [(only, full, f"{number}/{count}") for number in range(1, count + 1)]
+    table = merge(list(engines[engine](shares, client)))
+    for made in table["made"]:
+        if made["idle"] is False:
+            cases, others = ", ".join(made["cases"]), made["others"]
+            message = f"{cases}: other programs kept {others:.1f} processors busy: its times are not those of an idle machine"
+            warnings.warn(message, RuntimeWarning, stacklevel=2)
+    return table
+
+
+def _share(only: str, full: bool, cases: str) -> dict[str, Any]:
+    return tradeoff(only, full=full, cases=cases)
+
+
+_Shares = list[tuple[str, bool, str]]
+
+
+def _shares_here(shares: _Shares, _client: None) -> Iterator[dict[str, Any]]:
+    return (_share(*share) for share in shares)
+
+
+def _shares_by_dask(shares: _Shares, client: Any) -> Iterator[dict[str, Any]]:
+    with _dask_client(client) as client:
+        client.wait_for_workers(1)
+        workers = client.scheduler_info()["workers"]
+        host = workers[min(workers)]["host"]
+        for share in shares:
+            others = sum(len(keys) for address, keys in client.processing().items() if _is_at(address, host))
+            if others:
+                message = f"workers at {host} have {others} tasks: times are taken where nothing else runs: wait for these"
+                raise RuntimeError(message)
+            # Any worker there: one that was lost is another when it comes back.
+            yield client.submit(_share, *share, workers=[host], pure=False).result()
+
+
+def _is_at(address: str, host: str) -> bool:
+    return address.rpartition("://")[2].rpartition(":")[0] == host
+
+
+def _shares_by_ray(shares: _Shares, _client: None) -> Iterator[dict[str, Any]]:
+    with _ray_cluster() as ray:
+        node = next(node for node in ray.nodes() if node["Alive"] and node["Resources"].get("CPU"))
+        strategies = _installed("ray", "ray.util.scheduling_strategies")
+        there = strategies.NodeAffinitySchedulingStrategy(node["NodeID"], soft=False)
+        alone = ray.remote(max_retries=RETRIES, num_cpus=node["Resources"]["CPU"], scheduling_strategy=there)(_share)
+        for share in shares:
+            yield ray.get(alone.remote(*share))
+
+
 def _tradeoff_errors(task: Mapping[str, Any]) -> dict[str, Any]:
     table = tradeoff(task["case"], full=task.get("full", False), timed=False)
     lines = {name: table[name] for name in ("cases", "truths", "sutures")}
@@ -139,29 +206,30 @@ def _local(tasks: list[dict[str, Any]], _client: None) -> _Found:
 
 def _dask(tasks: list[dict[str, Any]], client: Any) -> _Found:
     distributed = _installed("dask", "dask.distributed")
-    own = None
-    if client is None:
-        try:
-            client = distributed.get_client()
-        except ValueError:
-            client = own = distributed.Client(threads_per_worker=1, dashboard_address=None)
-    try:
+    with _dask_client(client) as client:
         # Equal tasks are tasks of their own.
         futures = [client.submit(run_task, task, pure=False) for task in tasks]
         numbers = {future.key: number for number, future in enumerate(futures)}
         for future in distributed.as_completed(futures):
             yield numbers[future.key], future.result()
-    finally:
-        if own is not None:
-            own.close()
+
+
+@contextlib.contextmanager
+def _dask_client(client: Any) -> Iterator[Any]:
+    """The client that is given, or the one that is current, or one of this machine's own, which ends with it."""
+    distributed = _installed("dask", "dask.distributed")
+    if client is None:
+        with contextlib.suppress(ValueError):
+            client = distributed.get_client()
+    if client is not None:
+        yield client
+        return
+    with distributed.Client(threads_per_worker=1, dashboard_address=None) as own:
+        yield own
 
 
 def _ray(tasks: list[dict[str, Any]], _client: None) -> _Found:
-    ray = _installed("ray", "ray")
-    own = not ray.is_initialized()
-    if own:
-        ray.init(include_dashboard=False, log_to_driver=False)
-    try:
+    with _ray_cluster() as ray:
         run = ray.remote(max_retries=RETRIES)(run_task)
         numbers = {run.remote(task): number for number, task in enumerate(tasks)}
         waiting = list(numbers)
@@ -169,9 +237,20 @@ def _ray(tasks: list[dict[str, Any]], _client: None) -> _Found:
             ready, waiting = ray.wait(waiting)
             for reference in ready:
                 yield numbers[reference], ray.get(reference)
+
+
+@contextlib.contextmanager
+def _ray_cluster() -> Iterator[Any]:
+    """Ray with the cluster that was joined, or one of this machine's own, which ends with it."""
+    ray = _installed("ray", "ray")
+    if ray.is_initialized():
+        yield ray
+        return
+    ray.init(include_dashboard=False, log_to_driver=False)
+    try:
+        yield ray
     finally:
-        if own:
-            ray.shutdown()
+        ray.shutdown()
 
 
 def _installed(engine: str, module: str) -> Any:

@@ -10,6 +10,7 @@ use super::switches::Switch;
 use super::trials;
 use schemars::JsonSchema;
 use serde::Serialize;
+use std::ops::ControlFlow;
 use sutura_shared::control::Guards;
 use sutura_shared::device::DeviceError;
 
@@ -32,22 +33,30 @@ pub fn specs() -> Vec<Spec> {
     specs
 }
 
-/// Each switch off in turn.
+/// Each switch off in turn; those that were tried when `done` has said not to go on.
 ///
 /// # Errors
 /// Mechanics that make no valid device.
 pub fn mutants(
     scenes: &Scenes,
     threads: usize,
-    done: &(dyn Fn(usize, &Case) + Sync),
+    done: &(dyn Fn(usize, &Case) -> ControlFlow<()> + Sync),
 ) -> Result<Vec<Mutant>, DeviceError> {
     let all = specs();
-    let with_all = bars(&measure(&all, scenes, threads, done)?);
     let mut mutants = Vec::new();
+    let cases = measure(&all, scenes, threads, done)?;
+    if cases.len() < all.len() {
+        return Ok(mutants);
+    }
+    let with_all = bars(&cases);
     for (index, switch) in Switch::all().into_iter().enumerate() {
         let specs: Vec<Spec> = all.iter().map(|spec| spec.without(switch)).collect();
         let told = |n: usize, case: &Case| done((index + 1) * all.len() + n, case);
-        let found = bars(&measure(&specs, scenes, threads, &told)?);
+        let cases = measure(&specs, scenes, threads, &told)?;
+        if cases.len() < specs.len() {
+            break;
+        }
+        let found = bars(&cases);
         let met = |bar: &&Bar| with_all.iter().any(|with| with.name == bar.name && with.ok);
         let fails = found.iter().filter(|bar| !bar.ok).filter(met);
         mutants.push(Mutant {

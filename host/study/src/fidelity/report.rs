@@ -16,7 +16,8 @@ use serde::Serialize;
 /// The report.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct Report {
-    status: &'static str,
+    /// `ok`, `bars-missed`, or `interrupted`.
+    pub status: &'static str,
     extent: &'static str,
     /// Every case.
     pub cases: Vec<Case>,

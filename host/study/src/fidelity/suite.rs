@@ -10,6 +10,7 @@ use super::scenes::rogue::Rogue;
 use super::stops::{STOPS, Stop};
 use super::trials::Factor;
 use super::{corners, draws, returns, trials};
+use std::ops::ControlFlow;
 use std::sync::Mutex;
 use std::sync::PoisonError;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -321,7 +322,8 @@ fn without_repeats(specs: Vec<Spec>) -> Vec<Spec> {
     kept
 }
 
-/// Runs them all, on as many threads as asked, and tells after each how many are done, and what it came to.
+/// Runs them all, on as many threads as asked. `done` is called after each with how many are done and what it came to, and says
+/// whether to go on: else there are the cases by then.
 ///
 /// # Errors
 /// Mechanics that make no valid device.
@@ -329,7 +331,7 @@ pub fn measure(
     specs: &[Spec],
     scenes: &Scenes,
     threads: usize,
-    done: &(dyn Fn(usize, &Case) + Sync),
+    done: &(dyn Fn(usize, &Case) -> ControlFlow<()> + Sync),
 ) -> Result<Vec<Case>, DeviceError> {
     let next = AtomicUsize::new(0);
     let finished = AtomicUsize::new(0);
@@ -349,7 +351,9 @@ pub fn measure(
                         *place = Some(case);
                     }
                     drop(results);
-                    done(finished.fetch_add(1, Ordering::Relaxed) + 1, &told);
+                    if done(finished.fetch_add(1, Ordering::Relaxed) + 1, &told).is_break() {
+                        next.store(specs.len(), Ordering::Relaxed);
+                    }
                 }
             });
         }

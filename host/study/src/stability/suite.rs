@@ -33,7 +33,7 @@ pub struct Case {
 /// What was found, and what `stable` means in it.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct Table {
-    /// `ok`, or `failed` with a defect.
+    /// `ok`, `failed` with a defect, or `interrupted`.
     pub status: &'static str,
     extent: &'static str,
     limits: Limits,
@@ -69,7 +69,7 @@ impl Table {
 }
 
 /// Runs everything whose tissue and extreme have all of `words`. `told` is called with every line as it is found, and says
-/// whether to go on.
+/// whether to go on: else there are the lines by then.
 ///
 /// # Errors
 /// None unless a shipped scene is not sound.

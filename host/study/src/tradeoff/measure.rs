@@ -26,8 +26,6 @@ pub struct Extent {
     pub timed: bool,
 }
 
-/// What there is when somebody has stopped it.
-pub(super) const STOPPED: &str = "it was stopped";
 /// Runs of one setting beyond which there are no more.
 const REPEATS: usize = 5;
 /// A run that takes longer than this \[s\] is not repeated.
@@ -176,17 +174,20 @@ fn is_measured(setting: &Setting, extent: Extent, level: usize, finest: usize) -
     (every || setting.short) && !(setting.of_truth && level == finest)
 }
 
-/// Measures a plan. `told` is called with every line as it is found, and says whether to go on.
+/// Measures a plan. `told` is called with every line as it is found, and says whether to go on: else the report has what there is by
+/// then, and fronts of the cases that are whole.
 ///
 /// # Errors
-/// A case without an answer, which is a defect; or that `told` has stopped it.
+/// A case without an answer, which is a defect.
 pub fn measure(
     plan: &[(Case, Vec<Entry>)],
     extent: Extent,
     told: &mut dyn FnMut(&Row) -> ControlFlow<()>,
 ) -> Result<Report, String> {
     let (mut rows, mut truths) = (Vec::new(), Vec::new());
-    for (case, entries) in plan {
+    // Lines of cases that have all of theirs.
+    let mut whole = 0;
+    'cases: for (case, entries) in plan {
         let levels = case.levels_of(extent.full);
         let finest = case.truth_level(extent.full);
         let lattice = |level: usize| {
@@ -222,18 +223,20 @@ pub fn measure(
                 let settings = entry.settings.iter();
                 for setting in settings.filter(|own| is_measured(own, extent, *level, finest)) {
                     let row = about.run(entry, setting);
-                    if told(&row).is_break() {
-                        return Err(STOPPED.to_owned());
-                    }
+                    let then = told(&row);
                     rows.push(row);
+                    if then.is_break() {
+                        break 'cases;
+                    }
                 }
             }
         }
+        whole = rows.len();
     }
     let mut best = Vec::new();
     if extent.timed {
-        front::mark(&mut rows);
-        best = front::best(&rows);
+        front::mark(&mut rows[..whole]);
+        best = front::best(&rows[..whole]);
     }
     Ok(Report {
         best,

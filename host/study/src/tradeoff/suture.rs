@@ -4,7 +4,7 @@
 //! Entry points: [`plan`], [`measure`]. There is no other program's answer to this: the truth is the neo-Hookean tissue's on the
 //! finest mesh on which it comes to its end.
 
-use super::measure::{Extent, STOPPED};
+use super::measure::Extent;
 use nalgebra::Vector3;
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -192,15 +192,13 @@ pub fn lines(plan: &[&'static str], extent: Extent) -> usize {
     plan.len() * levels(extent)
 }
 
-/// Measures a plan. `told` is called with every line as it is found, which is before errors are, and says whether to go on.
-///
-/// # Errors
-/// That `told` has stopped it.
+/// Measures a plan. `told` is called with every line as it is found, which is before errors are, and says whether to go on: else there
+/// are the lines by then, without errors.
 pub fn measure(
     plan: &[&'static str],
     extent: Extent,
     told: &mut dyn FnMut(&Row) -> ControlFlow<()>,
-) -> Result<Vec<Row>, String> {
+) -> Vec<Row> {
     let mut rows = Vec::with_capacity(lines(plan, extent));
     for tissue in plan {
         for level in 1..=levels(extent) {
@@ -208,14 +206,15 @@ pub fn measure(
             if !extent.timed {
                 (row.step_us, row.p99_us) = (f64::NAN, f64::NAN);
             }
-            if told(&row).is_break() {
-                return Err(STOPPED.to_owned());
-            }
+            let then = told(&row);
             rows.push(row);
+            if then.is_break() {
+                return rows;
+            }
         }
     }
     compare(&mut rows);
-    Ok(rows)
+    rows
 }
 
 /// Finds how far lines are off the neo-Hookean one on the finest mesh that has one; its own error is not known.

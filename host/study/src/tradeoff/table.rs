@@ -6,10 +6,12 @@
 use super::literature::{FIGURES, Figure};
 use super::measure::{self, Extent};
 use super::{cases::Case, suture};
-use crate::machine::{Machine, load};
+use crate::INTERRUPTED;
+use crate::machine::{Busy, IDLE, Machine, load};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use std::cell::Cell;
 use std::fmt::Write as _;
 use std::ops::ControlFlow;
 use std::str::FromStr;
@@ -132,21 +134,32 @@ impl Plan {
         measure::lines(&self.cases, self.extent) + suture::lines(&self.sewn, self.extent)
     }
 
-    /// Measures it, one line after the other; `told` is called with each as it is found, and says whether to go on. `program` names release and commit.
+    /// Measures it, one line after the other; `told` is called with each as it is found, and says whether to go on: else the table is
+    /// [`INTERRUPTED`], with the lines by then. `program` names release and commit.
     ///
     /// # Errors
-    /// A case without an answer, which is a defect; or that `told` has stopped it.
+    /// A case without an answer, which is a defect.
     pub fn measure(
         &self,
         program: &str,
         told: &mut dyn FnMut(Line<'_>) -> ControlFlow<()>,
     ) -> Result<Table, String> {
-        let load_before = load();
+        let (load_before, busy) = (load(), Busy::begin());
+        let stopped = Cell::new(false);
+        let mut told = |line: Line<'_>| {
+            let then = told(line);
+            stopped.set(then.is_break());
+            then
+        };
         let report = measure::measure(&self.cases, self.extent, &mut |row| told(Line::Case(row)))?;
-        let sutures = suture::measure(&self.sewn, self.extent, &mut |row| told(Line::Suture(row)))?;
+        let sutures = match stopped.get() {
+            true => Vec::new(),
+            false => suture::measure(&self.sewn, self.extent, &mut |row| told(Line::Suture(row))),
+        };
         let full = if self.extent.full { "full" } else { "short" };
+        let others = busy.and_then(|busy| busy.others());
         Ok(Table {
-            status: "ok",
+            status: if stopped.get() { INTERRUPTED } else { "ok" },
             extent: full,
             report,
             sutures,
@@ -160,6 +173,8 @@ impl Plan {
                 machine: Machine::here(),
                 load_before,
                 load_after: load(),
+                others,
+                idle: others.map(|others| others <= IDLE),
             }],
         })
     }
@@ -178,7 +193,8 @@ pub enum Line<'a> {
 /// What was measured.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct Table {
-    status: &'static str,
+    /// `ok`, or `interrupted`.
+    pub status: &'static str,
     extent: &'static str,
     /// Of the models.
     #[serde(flatten)]
@@ -211,6 +227,22 @@ pub struct Made {
     pub load_before: Option<f64>,
     /// The same of the minute before its end, with the measurement itself.
     pub load_after: Option<f64>,
+    /// Processors that other programs kept busy while it was measured, in the mean, where the system tells.
+    pub others: Option<f64>,
+    /// Whether those were few enough for times to mean something.
+    pub idle: Option<bool>,
+}
+
+impl Made {
+    /// That times were taken beside other work; nothing where they were not, or where nobody knows.
+    pub fn disturbed(&self) -> Option<String> {
+        let others = self
+            .others
+            .filter(|_| self.timed && self.idle == Some(false))?;
+        Some(format!(
+            "other programs kept {others:.1} processors busy: times are not those of an idle machine"
+        ))
+    }
 }
 
 /// Why shares make no table.
@@ -291,6 +323,11 @@ impl Part {
         };
         let table: Value =
             serde_json::from_str(text).map_err(|error| no_table(error.to_string()))?;
+        if table["status"] == INTERRUPTED {
+            return Err(no_table(
+                "it was interrupted: measure this share again".to_owned(),
+            ));
+        }
         let key = |key: &str| {
             let value = table.get(key).cloned();
             value.ok_or_else(|| no_table(format!("it has no `{key}`")))
@@ -427,26 +464,21 @@ fn joined(parts: &[Part]) -> Value {
 /// What people are told of a merged table.
 pub fn words(table: &Value) -> String {
     let mut text = String::new();
-    for made in table["made"].as_array().into_iter().flatten() {
-        let (machine, word) = (&made["machine"], |value: &Value| {
-            value.as_str().unwrap_or_default().to_owned()
-        });
-        let load = made["load_before"].as_f64();
-        let cases: Vec<_> = made["cases"]
-            .as_array()
-            .into_iter()
-            .flatten()
-            .map(word)
-            .collect();
+    let made = table["made"].as_array().into_iter().flatten();
+    for made in made.filter_map(|made| Made::deserialize(made).ok()) {
+        let load = made.load_before;
         let _ = writeln!(
             text,
             "{:>7}  {} ({}), load {} before: {}",
-            word(&made["share"]),
-            word(&machine["host"]),
-            word(&machine["cpu"]),
+            made.share,
+            made.machine.host,
+            made.machine.cpu,
             load.map_or_else(|| "unknown".to_owned(), |load| load.to_string()),
-            cases.join(", ")
+            made.cases.join(", ")
         );
+        if let Some(disturbed) = made.disturbed() {
+            let _ = writeln!(text, "         {disturbed}");
+        }
     }
     let count = |list: &str| table[list].as_array().map_or(0, Vec::len);
     let _ = write!(
@@ -506,7 +538,7 @@ mod tests {
             "made": [{
                 "share": format!("{number}/2"), "only": "", "timed": true, "cases": cases, "program": "1 (a)",
                 "machine": { "host": "one", "cpu": "c", "threads": 2, "os": "o", "arch": "a", "simd": "v3", "build": "release" },
-                "load_before": 0.1, "load_after": 1.0,
+                "load_before": 0.1, "load_after": 1.0, "others": 0.1, "idle": true,
             }],
         });
         change(&mut table);
@@ -515,7 +547,14 @@ mod tests {
 
     #[test]
     fn shares_become_the_table_of_one_process() {
-        let two = [share(2, &["b"], |_| {}), share(1, &["a", "c"], |_| {})];
+        let beside_others = |table: &mut Value| {
+            table["made"][0]["others"] = json!(1.25);
+            table["made"][0]["idle"] = json!(false);
+        };
+        let two = [
+            share(2, &["b"], beside_others),
+            share(1, &["a", "c"], |_| {}),
+        ];
         let table = merge(&two).expect("one table");
         let cases: Vec<_> = table["cases"]
             .as_array()
@@ -525,10 +564,15 @@ mod tests {
             .collect();
         assert_eq!(cases, ["a", "b", "c"]);
         assert_eq!(table["made"].as_array().map(Vec::len), Some(2));
-        assert!(
-            words(&table).contains("1/2  one (c), load 0.1 before: a, c"),
-            "{}",
-            words(&table)
+        let words = words(&table);
+        let own: Vec<_> = words.lines().map(str::trim).collect();
+        assert_eq!(
+            own[..3],
+            [
+                "1/2  one (c), load 0.1 before: a, c",
+                "2/2  one (c), load 0.1 before: b",
+                "other programs kept 1.2 processors busy: times are not those of an idle machine",
+            ]
         );
     }
 
@@ -573,6 +617,10 @@ mod tests {
             (
                 said(&|table| table["extent"] = json!("full")),
                 "the extent is short and full",
+            ),
+            (
+                said(&|table| table["status"] = json!(INTERRUPTED)),
+                "2.json is no table of `sutura tradeoff`: it was interrupted: measure this share again",
             ),
             (
                 said(&|table| table["best"] = json!(3)),
