@@ -8,7 +8,7 @@ use sutura_scene_file::scene::HandSection;
 use sutura_shared::device::{DeviceDescription, JOINTS, Kinematics};
 use sutura_shared::virtual_console::path;
 use sutura_shared::wire::message::{HandScript, WAY_POINTS, WayPoint};
-use sutura_shared::wire::validate::MAX_POSITION;
+use sutura_shared::wire::validate::{MAX_HAND_DAMPING, MAX_HAND_STIFFNESS, MAX_POSITION};
 use toml::Spanned;
 
 /// Checks the `[hand]` section and places the device's joints at its first way point.
@@ -21,16 +21,12 @@ pub fn hand_script(
     device: &DeviceDescription,
 ) -> Result<HandScript, SceneError> {
     let help = "a human hand holds a grip with some 200 to 2000 N/m and 2 to 40 N s/m";
-    let positive = |key: &str, value: &Spanned<f64>| {
-        document
-            .number(
-                key,
-                value,
-                "zero or positive",
-                |v| v >= 0.0 && (v as f32).is_finite(),
-                help,
-            )
-            .map(|v| v as f32)
+    // Up to what a console takes.
+    let number = |key: &str, value: &Spanned<f64>, most: f32| {
+        let rule = format!("from 0 to {most}");
+        let sound = |v| (0.0..=f64::from(most)).contains(&v);
+        let number = document.number(key, value, &rule, sound, help);
+        number.map(|v| v as f32)
     };
     let points = &section.way_point;
     let count = points.get_ref().len();
@@ -72,8 +68,16 @@ pub fn hand_script(
         };
     }
     Ok(HandScript {
-        stiffness_n_per_m: positive("stiffness_n_per_m", &section.stiffness_n_per_m)?,
-        damping_n_s_per_m: positive("damping_n_s_per_m", &section.damping_n_s_per_m)?,
+        stiffness_n_per_m: number(
+            "stiffness_n_per_m",
+            &section.stiffness_n_per_m,
+            MAX_HAND_STIFFNESS,
+        )?,
+        damping_n_s_per_m: number(
+            "damping_n_s_per_m",
+            &section.damping_n_s_per_m,
+            MAX_HAND_DAMPING,
+        )?,
         start_joint,
         count: count as u8,
         way_points,

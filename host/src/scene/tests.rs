@@ -806,6 +806,20 @@ const SLIPS: &[Slip] = &[
         help: "do not go back",
     },
     Slip {
+        from: "stiffness_n_per_m = 800.0",
+        to: "stiffness_n_per_m = 800000.0",
+        message: "stiffness_n_per_m = 800000: must be from 0 to 100000",
+        under: "800000.0",
+        help: "200 to 2000 N/m",
+    },
+    Slip {
+        from: "damping_n_s_per_m = 8.0",
+        to: "damping_n_s_per_m = 80000.0",
+        message: "damping_n_s_per_m = 80000: must be from 0 to 10000",
+        under: "80000.0",
+        help: "2 to 40 N s/m",
+    },
+    Slip {
         from: "host_hz = 120.0",
         to: "host_hz = 12000.0",
         message: "host_hz = 12000: must be from 1 to 1000",
