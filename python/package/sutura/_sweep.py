@@ -91,7 +91,11 @@ def tradeoff_times(
     processors of the first node, so that it has no other. `made` has an entry for each case: the machine, its load, and how
     many processors `others` kept busy meanwhile. A case beside which that was too much is marked there, `idle` is False, and warned of.
     """
-    engines = {"local": _shares_here, "dask": _shares_by_dask, "ray": _shares_by_ray}
+    engines: dict[str, Callable[[_Shares, Any], Iterator[dict[str, Any]]]] = {
+        "local": _shares_here,
+        "dask": _shares_by_dask,
+        "ray": _shares_by_ray,
+    }
     if engine not in engines:
         raise ValueError(f"engine is {engine!r}: give one of {', '.join(map(repr, engines))}")
     if client is not None and engine != "dask":
