@@ -410,6 +410,29 @@ fn small_and_flat_holes_are_filled() {
     let repaired = surface.repair().expect("a box");
     assert_eq!(repaired.filled_holes, 1);
     assert!((volume(&surface) - 1.0).abs() < 1e-12);
+    // A hole bent over an edge of the box, one cube and two wide on its top: of 12 edges it is filled, of 14 it is not.
+    for (wide, filled) in [(1.0, true), (2.0, false)] {
+        let mut surface = fine();
+        let points_m = surface.points_m.clone();
+        surface.triangles.retain(|triangle| {
+            let middle = |axis: usize| {
+                let corners = triangle.map(|point| points_m[point as usize][axis]);
+                6.0 * corners.iter().sum::<f64>() / 3.0
+            };
+            let [x, y, z] = [0, 1, 2].map(middle);
+            let on_top = z > -1e-9 && x > 3.0 - wide;
+            let beside = x > 3.0 - 1e-9 && z > -1.0;
+            !((on_top || beside) && y.abs() < 2.0)
+        });
+        let repaired = surface.repair();
+        match filled {
+            true => assert_eq!(repaired.map(|done| done.filled_holes), Ok(1)),
+            false => assert!(
+                matches!(repaired, Err(SurfaceFlaw::Open { edges: 14, .. })),
+                "{repaired:?}"
+            ),
+        }
+    }
     // Two holes of a box of cubes that are apart are two.
     let mut surface = fine();
     surface.triangles.swap_remove(100);
