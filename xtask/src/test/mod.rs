@@ -206,7 +206,8 @@ fn tests(report: &mut Report, cases: Cases) {
     }
     report.tools(Kind::Build, "tests, built", [workspace("test --no-run")]);
     let profile = cases.profile();
-    let threads = 2 * std::thread::available_parallelism().map_or(1, usize::from);
+    // Two for a core, and one for a test that leaves its core most of the time: see the runner's configuration.
+    let threads = 2 * std::thread::available_parallelism().map_or(1, usize::from) + 1;
     let words = format!("nextest run --no-fail-fast --profile {profile} --test-threads {threads}");
     let run = cases.of(workspace(&words));
     let again = run.shown();
