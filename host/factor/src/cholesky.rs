@@ -97,7 +97,7 @@ impl Cholesky {
         let n = self.symbolic.nrows();
         LltRef::new(&self.symbolic, factor).solve_in_place_with_conj(
             Conj::No,
-            MatMut::from_column_major_slice_mut(rhs, n, rhs.len() / n),
+            MatMut::from_column_major_slice_mut(rhs, n, rhs.len().checked_div(n).unwrap_or(0)),
             Par::Seq,
             MemStack::new(&mut scratch.memory),
         );
