@@ -243,6 +243,12 @@ impl Supernodes {
         }
     }
 
+    /// Whether a right-hand side \[unknowns\] has anything in the columns of a supernode.
+    fn acts_on(&self, s: usize, x: &[f64]) -> bool {
+        let own = self.begin[s] as usize..self.begin[s + 1] as usize;
+        x[own].iter().any(|x| *x != 0.0)
+    }
+
     /// Solves for the columns of one supernode, those after it being known.
     #[inline(always)]
     fn backward<S: Simd, const K: usize>(
@@ -419,7 +425,10 @@ impl WithSimd for Field<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         for s in 0..self.supernodes.count() {
-            self.supernodes.forward(simd, s, self.values, self.scratch);
+            // Forces act at few nodes: what is below no supernode of theirs stays 0.
+            if self.supernodes.acts_on(s, &self.scratch.x) {
+                self.supernodes.forward(simd, s, self.values, self.scratch);
+            }
         }
         for s in (0..self.supernodes.count()).rev() {
             self.supernodes.backward(simd, s, self.values, self.scratch);

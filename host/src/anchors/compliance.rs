@@ -300,17 +300,25 @@ impl Pairs {
                 }
             }
         }
-        for (index, row) in spread.rows.iter().enumerate() {
+        // Backwards: what a thread has beyond one place after the other is so a sum that grows.
+        let mut known: &[Term] = &[];
+        self.moved[..anchors].fill(Vector3::zeros());
+        for (index, row) in spread.rows.iter().enumerate().rev() {
             let column = single + index;
-            for a in 0..anchors {
-                let blocks = self.blocks_at(a);
-                let mut moved = Vector3::zeros();
-                for term in spread.terms_of(row) {
-                    let direction = Vector3::from(term.direction);
-                    moved += blocks[self.slots[term.anchor as usize] as usize] * direction;
-                }
-                self.moved[a] = moved;
+            let terms = spread.terms_of(row);
+            if changes(known, terms).count() > terms.len() {
+                known = &[];
+                self.moved[..anchors].fill(Vector3::zeros());
             }
+            for (anchor, change) in changes(known, terms) {
+                // As above, the transposes.
+                let first = self.slots[anchor as usize] as usize * self.most;
+                let blocks = &self.blocks[first..first + self.most];
+                for (moved, slot) in self.moved.iter_mut().zip(&self.slots) {
+                    *moved += blocks[*slot as usize].tr_mul(&change);
+                }
+            }
+            known = terms;
             let entries = &mut w[n * column..n * (column + 1)];
             for (entry, row) in entries.iter_mut().zip(rows) {
                 *entry = self.moved[row.anchor as usize].dot(&Vector3::from(row.direction));
@@ -333,6 +341,34 @@ impl Pairs {
         let first = self.slots[at] as usize * self.most;
         &self.blocks[first..first + self.most]
     }
+}
+
+/// What has to be added to the first of two sums to make it the second: anchors, and by how much their directions change.
+fn changes<'a>(
+    from: &'a [Term],
+    to: &'a [Term],
+) -> impl Iterator<Item = (u32, Vector3<f64>)> + use<'a> {
+    let (mut from, mut to) = (from.iter().peekable(), to.iter().peekable());
+    std::iter::from_fn(move || {
+        loop {
+            let (gone, come) = match (from.peek(), to.peek()) {
+                (None, None) => return None,
+                (Some(a), Some(b)) if a.anchor == b.anchor => (from.next(), to.next()),
+                (Some(a), Some(b)) if b.anchor < a.anchor => (None, to.next()),
+                (Some(_), _) => (from.next(), None),
+                (None, Some(_)) => (None, to.next()),
+            };
+            let direction = |term: Option<&Term>| {
+                term.map_or_else(Vector3::zeros, |term| Vector3::from(term.direction))
+            };
+            let change = direction(come) - direction(gone);
+            if let Some(term) = come.or(gone)
+                && change != Vector3::zeros()
+            {
+                return Some((term.anchor, change));
+            }
+        }
+    })
 }
 
 /// Side of the squares in which a matrix is mirrored: a line of memory is read and written as a whole.

@@ -24,7 +24,8 @@ fn row_force(
     })
 }
 
-/// Two single rows and four spread ones, on cells, faces and fixed nodes; one names an anchor twice and gives way.
+/// Two single rows and seven spread ones, on cells, faces and fixed nodes; one names an anchor twice and gives way, and three have
+/// what one of them has from one place on, as what a thread has beyond a place is.
 #[test]
 fn spread_rows_give_way_as_products_with_the_inverse_say() {
     let mesh = slab([0.04, 0.03, 0.02], [4, 3, 2]).expect("a slab");
@@ -46,7 +47,7 @@ fn spread_rows_give_way_as_products_with_the_inverse_say() {
     ]
     .map(|(nodes, weights)| AnchorPoint { nodes, weights });
     let single = [(0, [0.6, 0.0, 0.8]), (2, [0.0, 1.0, 0.0])];
-    let spread: [&[(usize, [f64; 3])]; 4] = [
+    let spread: [&[(usize, [f64; 3])]; 7] = [
         &[(0, [1.0, 0.0, 0.0]), (4, [-1.0, 0.0, 0.0])],
         &[
             (4, [0.0, 2.0, 0.5]),
@@ -60,14 +61,26 @@ fn spread_rows_give_way_as_products_with_the_inverse_say() {
             (0, [0.0, 0.1, 0.0]),
         ],
         &[],
+        &[
+            (0, [0.3, 1.0, 0.0]),
+            (1, [0.0, 0.6, 0.8]),
+            (2, [0.0, 1.0, 0.2]),
+            (4, [-0.5, 0.0, 1.0]),
+        ],
+        &[
+            (1, [0.0, 0.15, 0.2]),
+            (2, [0.0, 1.0, 0.2]),
+            (4, [-0.5, 0.0, 1.0]),
+        ],
+        &[(4, [-0.5, 0.0, 1.0])],
     ];
-    let softness = [0.0, 0.0, 0.125, 0.5];
+    let softness = [0.0, 0.0, 0.125, 0.5, 0.0, 0.0, 0.0];
 
     let settings = AnchorSettings {
         most_rows: 2,
         most_anchors: 5,
-        most_spread: 4,
-        most_terms: 16,
+        most_spread: 7,
+        most_terms: 24,
         ..AnchorSettings::default()
     };
     let resting = vec![0.0; tissue.unknowns()];
@@ -109,8 +122,9 @@ fn spread_rows_give_way_as_products_with_the_inverse_say() {
     system.begin_step();
     assert!(system.fetch(&body, &grasp, usize::MAX).all);
     system.assemble(&body, &grasp, &rows);
-    let found = system.compliance(6);
-    assert_eq!(system.delta_free_m(6), [0.25, 0.25, 0.5, 0.5, 0.5, 0.5]);
+    let found = system.compliance(9);
+    let targets_m = [0.25, 0.25, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5];
+    assert_eq!(system.delta_free_m(9), targets_m);
 
     let all: Vec<Vec<(usize, [f64; 3])>> = single
         .iter()
@@ -136,7 +150,7 @@ fn spread_rows_give_way_as_products_with_the_inverse_say() {
             } else {
                 0.0
             };
-            let off = (found[6 * column + row] - along - own).abs();
+            let off = (found[9 * column + row] - along - own).abs();
             assert!(off < 1e-12 * largest, "{row} {column}: {off:e}");
         }
     }

@@ -362,9 +362,25 @@ impl<'a> Balance<'a> {
 
     /// As far as nodes of each group may be from where they rest \[m\], (groups).
     pub fn slack<'s>(&self, out: &'s mut [f64; MOST_GROUPS]) -> &'s [f64] {
-        let out = &mut out[..self.sources.hierarchy.groups()];
+        let Sources {
+            hierarchy,
+            mesh,
+            resting,
+            resting_m,
+            ..
+        } = self.sources;
+        let out = &mut out[..hierarchy.groups()];
         let BalanceWork { system, nodes, .. } = &*self.work;
-        let resting = &self.sources.resting;
+        if nodes.at_solve == nodes.solves {
+            // All are known: no bound is needed.
+            out.fill(0.0);
+            for (group, face) in hierarchy.grouped_faces() {
+                for node in mesh.vertices(face).map(|node| node as usize) {
+                    out[group] = out[group].max((nodes.at[node] - resting_m[node]).norm());
+                }
+            }
+            return out;
+        }
         system.slack(self.body, &self.state.grasp, &nodes.pushes, resting, out);
         out
     }
