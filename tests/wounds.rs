@@ -246,6 +246,33 @@ fn an_anastomosis_is_drawn_together_bite_by_bite() {
     assert!(without.0 != some.0 && some.0 != more.0 && without.0 != more.0);
 }
 
+/// The same with a thread that hardly slides, and with one that drags: tensions before most passages are next to nothing, and what sticks and what
+/// slides is found all the same.
+#[test]
+fn an_anastomosis_is_drawn_together_by_a_thread_that_locks() {
+    let text = std::fs::read_to_string(root().join("scenes/anastomosis-50-tighten.toml")).unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    let more: &[&str] = match std::env::var_os("SUTURA_FULL") {
+        Some(_) => &["1.5", "2.0", "3.0", "0.3\ndrag_n_per_m = 1.0"],
+        None => &[],
+    };
+    for friction in [&["5.0", "0.1\ndrag_n_per_m = 1.0"], more].concat() {
+        let other = text.replace("\nfriction = 0.1\n", &format!("\nfriction = {friction}\n"));
+        assert_ne!(text, other);
+        let summary = run(directory.path(), &other);
+        let withheld = summary["steps_withheld"].as_object().unwrap();
+        let withheld: u64 = withheld.values().map(|steps| steps.as_u64().unwrap()).sum();
+        let steps = summary["contact_steps"].as_u64().unwrap();
+        println!("{friction}: {withheld} of {steps} steps withheld");
+        assert!(
+            steps > 700 && 50 * withheld < steps,
+            "{friction}: {withheld} {steps}"
+        );
+        assert_eq!(summary["decays"], 0, "{friction}");
+        assert!(number(&summary["scene"], "gap_ratio") < 0.2, "{friction}");
+    }
+}
+
 /// Nothing of a thread is reported or sent where there is none.
 #[test]
 fn a_scene_without_a_thread_has_nothing_of_it() {

@@ -13,7 +13,7 @@ use crate::fem::{
 };
 use crate::renewal::{Renewals, Rule};
 use crate::rows::{self, Condensed, Problem, Row, RowKind};
-use crate::source::tool::{Cones, Turning};
+use crate::source::tool::Turning;
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 use std::sync::Arc;
@@ -741,14 +741,15 @@ impl ConstraintSystem {
         self.free[anchor] + self.moved[anchor]
     }
 
-    /// After [`Self::read`] and [`Self::assemble`] of the rows of the last solve and others that are open: the rows of `cones`
-    /// with all others that act condensed out. Whether that could be done.
+    /// After [`Self::read`] and [`Self::assemble`] of the rows of the last solve and others that are open: the rows `keep`
+    /// with all others that act condensed out. Whether that could be done. See [`rows::condense`].
     pub fn condense(
         &mut self,
         rows: usize,
         turning: Option<&Turning>,
         grasp: &ConstraintState,
-        cones: &mut Cones,
+        (keep, jacobian): (&[usize], &[f64]),
+        out: &mut Condensed,
     ) -> bool {
         let n = rows + self.spread.rows.len();
         grasp.forces.put_into(&self.kinds, &mut self.open);
@@ -758,15 +759,8 @@ impl ConstraintSystem {
             compliance: &w[..n * n],
             delta_free: &self.delta_free[..n],
         };
-        let k = cones.keep.len();
-        let mut out = Condensed {
-            compliance: &mut cones.compliance[..k * k],
-            delta_free: &mut cones.delta_free[..k],
-            jacobian: &mut cones.kept_jacobian[..6 * k],
-        };
-        let jacobian = &cones.jacobian[..6 * n];
-        let (keep, work) = (&cones.keep, &mut self.rows_work);
-        rows::condense(&problem, &self.open, keep, jacobian, work, &mut out).is_some()
+        let work = &mut self.rows_work;
+        rows::condense(&problem, &self.open, keep, jacobian, work, out).is_some()
     }
 
     /// Finds the forces, with the compliance in which normals turn if some do.

@@ -21,14 +21,14 @@ pub struct Reduction {
     pub skew: f64,
 }
 
-/// Where [`condense`] writes, for k kept rows.
+/// Where [`condense`] writes, for k kept rows and a axes.
 #[derive(Debug)]
 pub struct Condensed<'a> {
     /// Symmetric part of W with the other active rows condensed out \[m/N\], (k x k), column-major.
     pub compliance: &'a mut [f64],
     /// delta \[m\] of the kept rows without their own forces, the others answering, (k).
     pub delta_free: &'a mut [f64],
-    /// J of the kept rows with the others answering, (k x 6), column-major.
+    /// J of the kept rows with the others answering, (k x a), column-major.
     pub jacobian: &'a mut [f64],
 }
 
@@ -67,7 +67,7 @@ pub fn tangent(
 }
 
 /// Condenses every active row but `keep` (indices of rows; cones whole or not at all) out of
-/// `problem`, at the forces in `state`. Returns the largest entry of the skew part of the compliance
+/// `problem`, at the forces in `state`; `jacobian` is J (n x a, column-major, of at most six axes). Returns the largest entry of the skew part of the compliance
 /// \[m/N\], which only rows that slip and are not kept cause. None as for [`tangent`].
 pub fn condense(
     problem: &Problem,
@@ -78,12 +78,14 @@ pub fn condense(
     out: &mut Condensed,
 ) -> Option<f64> {
     let (n, kept) = (problem.rows.len(), keep.len());
-    let fits = jacobian.len() == 6 * n
+    let axes = out.jacobian.len() / kept.max(1);
+    let fits = axes <= 6
+        && jacobian.len() == axes * n
         && keep.iter().all(|&row| row < n)
         && kept <= n
         && out.compliance.len() == kept * kept
         && out.delta_free.len() == kept
-        && out.jacobian.len() == 6 * kept;
+        && out.jacobian.len() == axes * kept;
     if !fits {
         return None;
     }
@@ -96,12 +98,12 @@ pub fn condense(
     for (column, source) in sources.enumerate() {
         active.load(column, source);
     }
-    active.solve(kept + 6);
+    active.solve(kept + axes);
     for (i, &row) in keep.iter().enumerate() {
         for (j, &column) in keep.iter().enumerate() {
             out.compliance[j * kept + i] = w(column)[row] - active.weigh(w(row), j);
         }
-        for axis in 0..6 {
+        for axis in 0..axes {
             out.jacobian[axis * kept + i] =
                 jacobian[axis * n + row] - active.weigh(w(row), kept + axis);
         }

@@ -6,6 +6,7 @@ use super::balance::{Balance, BalanceWork};
 use super::options::StepOptions;
 use super::tool_rows::{MAX_TOOL_ROWS, ToolRows};
 use crate::model::Model;
+use crate::rows::Condensed;
 use crate::source::tool::{ALIKE_M, Cones, Contact, NEAR, Turning, in_units};
 use crate::tool::ToolSample;
 use nalgebra::{Matrix6, Vector3};
@@ -66,7 +67,14 @@ impl Balance<'_> {
             let of = (&self.state.tools.contacts[..], tool);
             cones.turn(turning, of, grip, (system, set));
         }
-        if !system.condense(set.rows.len(), turning, &self.state.grasp, cones) {
+        let k = cones.keep.len();
+        let mut out = Condensed {
+            compliance: &mut cones.compliance[..k * k],
+            delta_free: &mut cones.delta_free[..k],
+            jacobian: &mut cones.kept_jacobian[..6 * k],
+        };
+        let kept = (&cones.keep[..], &cones.jacobian[..6 * n]);
+        if !system.condense(set.rows.len(), turning, &self.state.grasp, kept, &mut out) {
             return None;
         }
         let mut out = ToolRows::NONE;

@@ -9,14 +9,17 @@
 use super::model::ThreadPart;
 use super::segments::Segment;
 use super::state::{ThreadState, Weakest};
-use crate::rows::Mode;
+use crate::anchors::{ConstraintState, ConstraintSystem};
+use crate::rows::{Condensed, Mode};
 use std::ops::Range;
 use sutura_factor::Lu;
 
 /// Most rows on lengths of one thread that are looked at together; the bounds of more follow solve by solve.
 const MOST_ROWS: usize = 128;
-/// Most sets of what sticks and slides that are tried.
-const MOST_SETS: u32 = 32;
+/// Most sets of what sticks and slides that are tried, and after how many of them only the first row that is wrong changes (Murty 1974): a
+/// step of Newton's for all may lead round in a circle.
+const MOST_SETS: u32 = 64;
+const ONE_BY_ONE: u32 = 16;
 
 /// Scratch for the rows on lengths of one thread.
 pub(crate) struct FollowWork {
@@ -32,6 +35,10 @@ pub(crate) struct FollowWork {
     weights: Vec<f64>,
     /// Part of the way to where the last solve has segments at which they are linearised.
     pub part: f64,
+    /// All rows on several anchors with the others that act condensed out: which, W \[m/N\] (k x k), delta without their forces \[m\], (k).
+    keep: Vec<usize>,
+    condensed: Vec<f64>,
+    delta_free: Vec<f64>,
 }
 
 impl FollowWork {
@@ -47,6 +54,37 @@ impl FollowWork {
             rates: Vec::with_capacity(most),
             weights: Vec::with_capacity(most),
             part: 1.0,
+            keep: Vec::with_capacity(most),
+            condensed: vec![0.0; most * most],
+            delta_free: vec![0.0; most],
+        }
+    }
+
+    /// For the next [`ThreadState::foresee`]: all other rows push as they did.
+    pub fn leave_others(&mut self) {
+        self.keep.clear();
+    }
+
+    /// For the next [`ThreadState::foresee`]: after a solve of so many rows on one anchor, and on several, what the former answer is counted
+    /// in, at the price of one more reduction. Does nothing where there are more than [`MOST_ROWS`] on several.
+    pub fn condense_others(
+        &mut self,
+        system: &mut ConstraintSystem,
+        grasp: &ConstraintState,
+        [single, spread]: [usize; 2],
+    ) {
+        self.keep.clear();
+        if spread > self.change.len() {
+            return;
+        }
+        self.keep.extend(single..single + spread);
+        let mut out = Condensed {
+            compliance: &mut self.condensed[..spread * spread],
+            delta_free: &mut self.delta_free[..spread],
+            jacobian: &mut [],
+        };
+        if !system.condense(single, None, grasp, (&self.keep, &[]), &mut out) {
+            self.keep.clear();
         }
     }
 
@@ -99,8 +137,21 @@ impl FollowWork {
         self.change[..m].iter().all(|change| change.is_finite())
     }
 
-    /// Brings the modes to what the change says; whether they are as they were.
-    fn look(&mut self, rows: &LengthRows, begin: usize) -> bool {
+    /// Finds what sticks and what slides, from the modes on; whether there is such a set.
+    fn find(&mut self, rows: &LengthRows, begin: usize) -> bool {
+        for set in 0..MOST_SETS {
+            if !self.solve(rows, begin) {
+                return false;
+            }
+            if self.look(rows, begin, set < ONE_BY_ONE) {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Brings the modes, `all` or the first that is wrong, to what the change says; whether they are as they were.
+    fn look(&mut self, rows: &LengthRows, begin: usize, all: bool) -> bool {
         let m = self.modes.len();
         let mut same = true;
         for row in 0..m {
@@ -117,8 +168,13 @@ impl FollowWork {
             } else {
                 Mode::Held
             };
-            same &= mode == self.modes[row];
-            self.modes[row] = mode;
+            if mode == self.modes[row] {
+                continue;
+            }
+            (same, self.modes[row]) = (false, mode);
+            if !all {
+                break;
+            }
         }
         same
     }
@@ -127,10 +183,11 @@ impl FollowWork {
 /// The rows on lengths of a thread after a solve: that of the whole first, if the thread is held, then one a passage.
 #[derive(Clone, Copy)]
 pub(super) struct LengthRows<'a> {
-    /// W \[m/N\] of all rows of the set, (n x n).
+    /// W \[m/N\] of all rows of the set, or of those on several anchors with the others condensed out, (n x n).
     pub compliance: &'a [f64],
     pub n: usize,
-    /// Where they begin among all.
+    /// Where they begin in W, and among all.
+    pub at: usize,
     pub first: usize,
     /// How all were solved, lambda \[N\] and delta \[m\].
     pub modes: &'a [Mode],
@@ -140,7 +197,7 @@ pub(super) struct LengthRows<'a> {
 
 impl LengthRows<'_> {
     fn compliance(&self, row: usize, column: usize) -> f64 {
-        let place = (self.first + column) * self.n + self.first + row;
+        let place = (self.at + column) * self.n + self.at + row;
         self.compliance.get(place).copied().unwrap_or(0.0)
     }
 
@@ -173,25 +230,44 @@ impl LengthRows<'_> {
 
 impl ThreadState {
     /// Brings the bounds from the tensions of the last solve to those that the next will have with them, as far as the thread's own
-    /// rows say.
+    /// rows say, of which the first is the `first`th of the `single` and others.
     pub(super) fn foresee(
         &mut self,
         part: &ThreadPart,
         is_held: bool,
-        rows: LengthRows,
+        (single, first): (usize, usize),
+        (system, grasp): (&ConstraintSystem, &ConstraintState),
         work: &mut FollowWork,
     ) {
-        let (mut next, mut first) = (0, rows.first);
+        let all = grasp.lambda().len();
+        let condensed = std::mem::take(&mut work.condensed);
+        let kept = work.keep.len();
+        let (compliance, n, at) = match kept {
+            0 => (system.compliance(all), all, single + first),
+            _ => (&condensed[..kept * kept], kept, first),
+        };
+        let mut rows = LengthRows {
+            compliance,
+            n,
+            at,
+            first: single + first,
+            modes: grasp.modes(),
+            lambda_n: grasp.lambda(),
+            delta_m: grasp.delta_m(),
+        };
+        let mut next = 0;
         while next < self.spans.len() {
             let portion = self.portion(next);
-            let own = LengthRows { first, ..rows };
+            let own = rows;
             let count = self.length_rows(part, is_held, &portion);
-            (first, next) = (first + count, portion.end);
+            (rows.at, rows.first) = (rows.at + count, rows.first + count);
+            next = portion.end;
             let is_held = self.is_portion_held(&portion, is_held);
             if count > usize::from(is_held) && count <= work.change.len() {
                 self.foresee_portion(part, &portion, is_held, own, work);
             }
         }
+        work.condensed = condensed;
     }
 
     /// The same of a portion between hands.
@@ -208,14 +284,8 @@ impl ThreadState {
         work.modes.clear();
         work.modes
             .extend((0..work.bounds.len()).map(|row| rows.mode(row)));
-        for _ in 0..MOST_SETS {
-            if !work.solve(&rows, begin) {
-                return;
-            }
-            if work.look(&rows, begin) {
-                self.follow(portion, is_held, work);
-                return;
-            }
+        if work.find(&rows, begin) {
+            self.follow(portion, is_held, work);
         }
     }
 
@@ -279,6 +349,72 @@ impl ThreadState {
             if let Some(passage) = &mut span.passage {
                 passage.lessens_n = (-low).max(0.0);
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Hardly any tension before two passages, of which the first multiplies it by 80 and slides, and the second sticks: all rows that are
+    /// wrong changed at once lead through three sets, none of which is right, in a circle.
+    #[test]
+    fn sets_that_lead_in_a_circle_are_left() {
+        let compliance = [
+            0.013145156745403872,
+            0.012466232057577574,
+            0.008909281324535072,
+            0.012466232057577574,
+            0.01227351294772904,
+            0.009002175559938215,
+            0.008909281324535072,
+            0.009002175559938215,
+            0.00894989502448199,
+        ];
+        let rows = LengthRows {
+            compliance: &compliance,
+            n: 3,
+            at: 0,
+            first: 0,
+            modes: &[Mode::AtLower, Mode::Held, Mode::Held],
+            lambda_n: &[0.0, 0.012102588055501094, 0.10298834797193213],
+            delta_m: &[1.8030334393525726e-6 * compliance[0], 0.0, 0.0],
+        };
+        let grown = [79.57937284885837, 82.62490591407557];
+        let mut work = FollowWork::new(true);
+        work.bounds.extend([
+            [0.0, 20.0],
+            [0.0, 0.0],
+            [-0.011957863371829264, 0.9999751994025927],
+        ]);
+        work.rates.push([0.0, 1.0]);
+        work.rates
+            .extend(grown.map(|grown| [-grown / (1.0 + grown), grown]));
+        work.weights.extend([0.0, 0.0]);
+        work.modes.extend(rows.modes);
+        assert!(work.find(&rows, 1));
+        assert_eq!(work.modes, [Mode::Held, Mode::AtUpper, Mode::Held]);
+        let [tension_n, friction_n, second_n] =
+            [0, 1, 2].map(|row| rows.lambda(row) + work.change[row]);
+        assert!(tension_n > 0.0, "{tension_n} N");
+        assert!(
+            (friction_n / (grown[0] * tension_n) - 1.0).abs() < 1e-9,
+            "{friction_n} N"
+        );
+        assert!(
+            second_n < grown[1] * (tension_n + friction_n),
+            "{second_n} N"
+        );
+        // What sticks or is taut has moved by nothing.
+        for row in [0, 2] {
+            let moved: f64 = (0..3)
+                .map(|of| rows.compliance(row, of) * work.change[of])
+                .sum();
+            assert!(
+                (moved + rows.delta_m[row]).abs() < 1e-15,
+                "{row}: {moved} m"
+            );
         }
     }
 }

@@ -11,7 +11,7 @@
 //! Friction: the tension changes by F along a passage through tissue, and F is the multiplier of the length of all that lies
 //! beyond, between bounds (module `through`).
 
-use super::follow::{FollowWork, LengthRows};
+use super::follow::FollowWork;
 use super::legs::{Leg, add_legs};
 use super::model::{ThreadHold, ThreadPart};
 use super::state::ThreadState;
@@ -517,17 +517,8 @@ impl ThreadState {
                 settled &= over <= LENGTH_M && (span.own_n == 0.0 || over >= -LENGTH_M);
             }
         }
-        let n = grasp.lambda().len();
-        let rows = LengthRows {
-            compliance: system.compliance(n),
-            n,
-            first: single + first,
-            modes: grasp.modes(),
-            lambda_n: grasp.lambda(),
-            delta_m: grasp.delta_m(),
-        };
         settled &= self.settle_through(part, is_held, shared);
-        self.foresee(part, is_held, rows, follow);
+        self.foresee(part, is_held, (single, first), (system, grasp), follow);
         settled
     }
 

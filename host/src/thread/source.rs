@@ -13,6 +13,8 @@ use crate::step::{Balance, BalanceWork, Felt, Pull, Sources, Status};
 use crate::tool::ToolSample;
 use nalgebra::Vector3;
 
+/// Solves of a balance after which bounds of friction follow with what the other rows answer: mostly they push on as they did.
+const PATIENCE: u32 = 6;
 /// Solves of a balance after which segments that are not settled go back and forth: Newton's method has a few sets of welds and of what
 /// touches in turn.
 const SWINGS: u32 = 32;
@@ -105,7 +107,7 @@ impl Source for ThreadSource {
 
     fn settle(&self, balance: &mut Balance, solve: u32) -> Result<bool, Status> {
         balance.work.threads.follow.part = if solve > SWINGS { DAMPED } else { 1.0 };
-        Ok(balance.settle_threads())
+        Ok(balance.settle_threads(solve > PATIENCE))
     }
 
     /// Lifts spans that have bodies out of the tissue, and all onto bodies that they are to lie on.
@@ -200,8 +202,22 @@ impl Balance<'_> {
         }
     }
 
-    /// Takes the threads' tensions from a solve and linearises their paths anew; whether that was not needed.
-    fn settle_threads(&mut self) -> bool {
+    /// Takes the threads' tensions from a solve and linearises their paths anew; whether that was not needed. Bounds may follow with all that
+    /// the other rows answer.
+    fn settle_threads(&mut self, with_answers: bool) -> bool {
+        let BalanceWork {
+            system,
+            set,
+            threads,
+            ..
+        } = &mut *self.work;
+        threads.follow.leave_others();
+        if with_answers {
+            let counts = [set.rows.len(), set.spread.len()];
+            threads
+                .follow
+                .condense_others(system, &self.state.grasp, counts);
+        }
         let held = &self.sources.threads;
         let ground = held.ground(&self.sources.mesh, self.points_m);
         let mut settled = true;
