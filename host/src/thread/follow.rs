@@ -31,14 +31,26 @@ pub(crate) struct FollowWork {
     /// Bounds at the tensions of the last solve \[N\], how they grow with the tension before the row, and that tension.
     bounds: Vec<[f64; 2]>,
     rates: Vec<[f64; 2]>,
-    /// Of the whole length's most tension: its part in the friction of each passage.
+    /// Of a row of a passage: the part of its friction in the most tension of the whole; else 0.
     weights: Vec<f64>,
+    /// The portion that each row is of.
+    portions: Vec<Portion>,
     /// Part of the way to where the last solve has segments at which they are linearised.
     pub part: f64,
     /// All rows on several anchors with the others that act condensed out: which, W \[m/N\] (k x k), delta without their forces \[m\], (k).
     keep: Vec<usize>,
     condensed: Vec<f64>,
     delta_free: Vec<f64>,
+}
+
+/// Rows of one portion of a thread.
+#[derive(Clone, Copy)]
+struct Portion {
+    first: usize,
+    /// One after the last.
+    end: usize,
+    /// Whether the first is that of its whole length.
+    is_held: bool,
 }
 
 impl FollowWork {
@@ -53,6 +65,7 @@ impl FollowWork {
             bounds: Vec::with_capacity(most),
             rates: Vec::with_capacity(most),
             weights: Vec::with_capacity(most),
+            portions: Vec::with_capacity(most),
             part: 1.0,
             keep: Vec::with_capacity(most),
             condensed: vec![0.0; most * most],
@@ -93,19 +106,27 @@ impl FollowWork {
         [0, 1].map(|side| self.bounds[row][side] + self.rates[row][side] * more_n)
     }
 
+    /// Whether a row is that of the whole length of a portion.
+    fn is_whole(&self, row: usize) -> bool {
+        let portion = self.portions[row];
+        portion.is_held && row == portion.first
+    }
+
     /// How much the tension before a passage's row changes, or, for the row of the whole, what friction takes of its bound.
-    fn more_n(&self, begin: usize, row: usize) -> f64 {
-        if row < begin {
-            let weighted = self.weights.iter().zip(&self.change[begin..]);
+    fn more_n(&self, row: usize) -> f64 {
+        let Portion { first, end, .. } = self.portions[row];
+        if self.is_whole(row) {
+            let after = first + 1..end;
+            let weighted = self.weights[after.clone()].iter().zip(&self.change[after]);
             return -weighted
                 .map(|(weight, change)| weight * change)
                 .sum::<f64>();
         }
-        self.change[..row].iter().sum()
+        self.change[first..row].iter().sum()
     }
 
     /// Change of all rows with the modes as they are; whether it is one.
-    fn solve(&mut self, rows: &LengthRows, begin: usize) -> bool {
+    fn solve(&mut self, rows: &LengthRows) -> bool {
         let m = self.modes.len();
         self.matrix[..m * m].fill(0.0);
         for row in 0..m {
@@ -121,12 +142,13 @@ impl FollowWork {
                 }
             };
             let rate = self.rates[row][side];
-            if row < begin {
-                for (column, weight) in (begin..m).zip(&self.weights) {
-                    self.matrix[column * m + row] = rate * weight;
+            let Portion { first, end, .. } = self.portions[row];
+            if self.is_whole(row) {
+                for column in first + 1..end {
+                    self.matrix[column * m + row] = rate * self.weights[column];
                 }
             } else {
-                (0..row).for_each(|column| self.matrix[column * m + row] = -rate);
+                (first..row).for_each(|column| self.matrix[column * m + row] = -rate);
             }
             self.matrix[row * m + row] = 1.0;
             self.change[row] = self.bounds[row][side] - rows.lambda(row);
@@ -138,12 +160,12 @@ impl FollowWork {
     }
 
     /// Finds what sticks and what slides, from the modes on; whether there is such a set.
-    fn find(&mut self, rows: &LengthRows, begin: usize) -> bool {
+    fn find(&mut self, rows: &LengthRows) -> bool {
         for set in 0..MOST_SETS {
-            if !self.solve(rows, begin) {
+            if !self.solve(rows) {
                 return false;
             }
-            if self.look(rows, begin, set < ONE_BY_ONE) {
+            if self.look(rows, set < ONE_BY_ONE) {
                 return true;
             }
         }
@@ -151,11 +173,11 @@ impl FollowWork {
     }
 
     /// Brings the modes, `all` or the first that is wrong, to what the change says; whether they are as they were.
-    fn look(&mut self, rows: &LengthRows, begin: usize, all: bool) -> bool {
+    fn look(&mut self, rows: &LengthRows, all: bool) -> bool {
         let m = self.modes.len();
         let mut same = true;
         for row in 0..m {
-            let [low, high] = self.bounds(row, self.more_n(begin, row));
+            let [low, high] = self.bounds(row, self.more_n(row));
             let changes = self.change[..m].iter().enumerate();
             let moved: f64 = changes
                 .map(|(column, x)| rows.relative(row, column) * x)
@@ -180,7 +202,7 @@ impl FollowWork {
     }
 }
 
-/// The rows on lengths of a thread after a solve: that of the whole first, if the thread is held, then one a passage.
+/// The rows on lengths of a thread after a solve: portion by portion that of the whole first, if that is held, then one a passage.
 #[derive(Clone, Copy)]
 pub(super) struct LengthRows<'a> {
     /// W \[m/N\] of all rows of the set, or of those on several anchors with the others condensed out, (n x n).
@@ -255,37 +277,59 @@ impl ThreadState {
             lambda_n: grasp.lambda(),
             delta_m: grasp.delta_m(),
         };
-        let mut next = 0;
-        while next < self.spans.len() {
-            let portion = self.portion(next);
-            let own = rows;
-            let count = self.length_rows(part, is_held, &portion);
-            (rows.at, rows.first) = (rows.at + count, rows.first + count);
-            next = portion.end;
-            let is_held = self.is_portion_held(&portion, is_held);
-            if count > usize::from(is_held) && count <= work.change.len() {
-                self.foresee_portion(part, &portion, is_held, own, work);
+        let counts = self
+            .portions()
+            .map(|portion| self.length_rows(part, is_held, &portion));
+        let count: usize = counts.sum();
+        if kept > 0 && count <= work.change.len() {
+            self.foresee_spans(part, is_held, 0..self.spans.len(), rows, work);
+        } else {
+            let mut next = 0;
+            while next < self.spans.len() {
+                let portion = self.portion(next);
+                let own = rows;
+                let count = self.length_rows(part, is_held, &portion);
+                (rows.at, rows.first) = (rows.at + count, rows.first + count);
+                next = portion.end;
+                let whole = usize::from(self.is_portion_held(&portion, is_held));
+                if count > whole && count <= work.change.len() {
+                    self.foresee_spans(part, is_held, portion, own, work);
+                }
             }
         }
         work.condensed = condensed;
     }
 
-    /// The same of a portion between hands.
-    fn foresee_portion(
+    /// The same of the portions that these spans are.
+    fn foresee_spans(
         &mut self,
         part: &ThreadPart,
-        portion: &Range<usize>,
         is_held: bool,
+        spans: Range<usize>,
         rows: LengthRows,
         work: &mut FollowWork,
     ) {
-        let begin = usize::from(is_held);
-        self.list_bounds(part, portion, is_held, work);
+        work.bounds.clear();
+        work.rates.clear();
+        work.weights.clear();
+        work.portions.clear();
+        let mut next = spans.start;
+        while next < spans.end {
+            let portion = self.portion(next);
+            self.list_bounds(part, &portion, is_held, work);
+            next = portion.end;
+        }
         work.modes.clear();
         work.modes
             .extend((0..work.bounds.len()).map(|row| rows.mode(row)));
-        if work.find(&rows, begin) {
-            self.follow(portion, is_held, work);
+        if !work.find(&rows) {
+            return;
+        }
+        let (mut next, mut row) = (spans.start, 0);
+        while next < spans.end {
+            let portion = self.portion(next);
+            row = self.follow(part, is_held, &portion, row, work);
+            next = portion.end;
         }
     }
 
@@ -301,55 +345,79 @@ impl ThreadState {
             bounds,
             rates,
             weights,
+            portions,
             ..
         } = work;
-        bounds.clear();
-        rates.clear();
-        weights.clear();
+        let first = bounds.len();
+        let rubs = |place: &usize| self.has_friction_row(part, is_held, *place);
         let passages = || {
-            let places = portion.clone();
+            let places = portion.clone().filter(rubs);
             places.filter_map(|place| {
                 let span = &self.spans[place];
                 Some((place, span, span.passage?))
             })
         };
+        let mut weakest = None;
+        let is_held = self.is_portion_held(portion, is_held);
         if is_held {
             bounds.push([0.0, self.most_n(part, portion)]);
             rates.push([0.0, 1.0]);
+            weights.push(0.0);
             let segments = self.segments.iter();
             let mut segments = segments.filter(|segment| portion.contains(&segment.span));
             let tension = |a: &&Segment, b: &&Segment| a.tension_n.total_cmp(&b.tension_n);
-            let weakest = match self.weakest {
+            weakest = match self.weakest {
                 _ if portion.start > 0 => None,
                 Weakest::Tail => None,
                 Weakest::Head => segments.next_back(),
                 Weakest::Thread => segments.max_by(tension),
             };
-            let weight = |place: usize| weakest.map_or(0.0, |segment| segment.beyond(place));
-            weights.extend(passages().map(|(place, ..)| weight(place)));
         }
-        for (_, span, passage) in passages() {
+        for (place, span, passage) in passages() {
             bounds.push([-passage.lessens_n, span.limit_n]);
             rates.push([-passage.rates[0], passage.rates[1]]);
+            weights.push(weakest.map_or(0.0, |segment| segment.beyond(place)));
         }
+        let end = bounds.len();
+        portions.resize(
+            end,
+            Portion {
+                first,
+                end,
+                is_held,
+            },
+        );
     }
 
-    /// Takes over the bounds that hold with the change found.
-    fn follow(&mut self, portion: &Range<usize>, is_held: bool, work: &FollowWork) {
-        let begin = usize::from(is_held);
-        if is_held && portion.start == 0 {
-            let [_, most_n] = work.bounds(0, work.more_n(begin, 0));
-            self.bound_n = most_n.max(0.0);
+    /// Takes over the bounds of a portion that hold with the change found, from a row on; the row after its last.
+    fn follow(
+        &mut self,
+        part: &ThreadPart,
+        is_held: bool,
+        portion: &Range<usize>,
+        mut row: usize,
+        work: &FollowWork,
+    ) -> usize {
+        if self.is_portion_held(portion, is_held) {
+            if portion.start == 0 {
+                let [_, most_n] = work.bounds(row, work.more_n(row));
+                self.bound_n = most_n.max(0.0);
+            }
+            row += 1;
         }
-        let spans = self.spans[portion.clone()].iter_mut();
-        let passages = spans.filter(|span| span.passage.is_some());
-        for (row, span) in (begin..work.modes.len()).zip(passages) {
-            let [low, high] = work.bounds(row, work.more_n(begin, row));
+        for place in portion.clone() {
+            if !self.has_friction_row(part, is_held, place) {
+                continue;
+            }
+            let [low, high] = work.bounds(row, work.more_n(row));
+            let span = &mut self.spans[place];
             span.limit_n = high.max(0.0);
             if let Some(passage) = &mut span.passage {
                 passage.lessens_n = (-low).max(0.0);
             }
+            row += 1;
         }
+        row
     }
 }
 
@@ -391,9 +459,17 @@ mod tests {
         work.rates.push([0.0, 1.0]);
         work.rates
             .extend(grown.map(|grown| [-grown / (1.0 + grown), grown]));
-        work.weights.extend([0.0, 0.0]);
+        work.weights.extend([0.0; 3]);
+        work.portions.resize(
+            3,
+            Portion {
+                first: 0,
+                end: 3,
+                is_held: true,
+            },
+        );
         work.modes.extend(rows.modes);
-        assert!(work.find(&rows, 1));
+        assert!(work.find(&rows));
         assert_eq!(work.modes, [Mode::Held, Mode::AtUpper, Mode::Held]);
         let [tension_n, friction_n, second_n] =
             [0, 1, 2].map(|row| rows.lambda(row) + work.change[row]);
