@@ -78,7 +78,7 @@ pub fn condense(
     out: &mut Condensed,
 ) -> Option<f64> {
     let (n, kept) = (problem.rows.len(), keep.len());
-    let axes = out.jacobian.len() / kept.max(1);
+    let axes = jacobian.len() / n.max(1);
     let fits = axes <= 6
         && jacobian.len() == axes * n
         && keep.iter().all(|&row| row < n)
