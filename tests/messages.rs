@@ -4,7 +4,7 @@ use crate::support::{Ran, sutura_in};
 use std::path::Path;
 
 /// Words of the language and the system that say nothing to whoever writes a scene.
-const NOT_OURS: [&str; 14] = [
+const NOT_OURS: [&str; 17] = [
     "usize",
     "u8",
     "u16",
@@ -19,6 +19,9 @@ const NOT_OURS: [&str; 14] = [
     "variant",
     "Utf8Error",
     "panicked",
+    "valid UTF-8",
+    "invalid digit",
+    "float literal",
 ];
 
 /// Letters that a line has at most.
@@ -62,17 +65,17 @@ const SLIPS: [(&str, &str, &str); 12] = [
     (
         "divisions = [4, 4, 2]",
         "divisions = [4, 4, -2]",
-        "a whole number, 0 or more is needed",
+        "a whole number from 0 up is needed here, not `-2`",
     ),
     (
         "divisions = [4, 4, 2]",
         "divisions = [4, 4, 2.5]",
-        "a whole number, 0 or more is needed",
+        "a whole number from 0 up is needed here, not `2.5`",
     ),
     (
         "divisions = [4, 4, 2]",
         "divisions = \"fine\"",
-        "this is text \"fine\"",
+        "not the text \"fine\"",
     ),
     (
         "0.4\n\n[[fixed",
@@ -215,6 +218,13 @@ fn names_and_files_that_are_no_text_are_told_too() {
         &["doctor", "--scene", "none.toml"],
         &["run", "--seconds", "x"],
         &["run", "--host-hz", "-1"],
+        &["run", "--host-hz", "fast"],
+        &[
+            "mesh", "fill", "none.stl", "--nodes", "-5", "--out", "a.msh",
+        ],
+        &["mesh", "fill", "none.stl", "--nodes", "", "--out", "a.msh"],
+        &["tradeoff", "merge", "binary.toml"],
+        &["console", "--device", "binary.toml"],
         &["run", "--tissue", "\u{1b}[31m"],
         &["run", "--fixture", "wall:\u{1b}"],
         &["mesh", "info", "none.msh", "--rows", "x"],
@@ -226,6 +236,103 @@ fn names_and_files_that_are_no_text_are_told_too() {
             let more = if json { &["--format", "json"][..] } else { &[] };
             is_told_well(&sutura_in(at, &[line, more].concat()), &format!("{line:?}"));
         }
+    }
+}
+
+/// A file in another coding than UTF-8, or none of text, is told by its name and the first byte that is not, with what to do.
+#[test]
+fn a_file_that_is_no_text_is_told_by_its_byte() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = folder.path();
+    let write = |name: &str, bytes: &[u8]| {
+        std::fs::write(at.join(name), bytes).expect("writable");
+    };
+    let latin = SCENE.replace("seconds", "name = \"K\u{f6}rper\"\nseconds");
+    let latin: Vec<u8> = latin.chars().map(|letter| letter as u8).collect();
+    write("latin.toml", &latin);
+    let wide: Vec<u8> = "\u{feff}a = 1\n"
+        .encode_utf16()
+        .flat_map(u16::to_le_bytes)
+        .collect();
+    write("wide.toml", &wide);
+    write(
+        "on-latin.toml",
+        SCENE
+            .replace("\"cartesian-bench\"", "\"latin.toml\"")
+            .as_bytes(),
+    );
+    for (line, file, byte) in [
+        (
+            &["scene", "check", "latin.toml"][..],
+            "latin.toml",
+            "byte 36, in line 2, is 0xF6",
+        ),
+        (
+            &["run", "latin.toml", "--lockstep"],
+            "latin.toml",
+            "byte 36, in line 2, is 0xF6",
+        ),
+        (
+            &["scene", "check", "on-latin.toml"],
+            "latin.toml",
+            "byte 36, in line 2, is 0xF6",
+        ),
+        (
+            &["console", "--device", "latin.toml"],
+            "latin.toml",
+            "byte 36, in line 2, is 0xF6",
+        ),
+        (
+            &["solve", "wide.toml", "--out", "a.json"],
+            "wide.toml",
+            "byte 0, in line 1, is 0xFF",
+        ),
+        (
+            &["tradeoff", "merge", "latin.toml"],
+            "latin.toml",
+            "byte 36, in line 2, is 0xF6",
+        ),
+    ] {
+        let ran = sutura_in(at, line);
+        assert_eq!(ran.code, 2, "{line:?}: {}", ran.stderr);
+        is_told_well(&ran, &format!("{line:?}"));
+        let said = format!("cannot read {file}: it is no text: {byte}");
+        assert!(ran.stderr.contains(&said), "{line:?}: {}", ran.stderr);
+        let help = match line[0] {
+            "tradeoff" => "sutura tradeoff --cases",
+            _ if file.starts_with("wide") => "iconv -f UTF-16 -t UTF-8",
+            _ => "iconv -f LATIN1 -t UTF-8",
+        };
+        assert!(ran.stderr.contains(help), "{line:?}: {}", ran.stderr);
+    }
+    // Meshes that are text: by the byte in the line that cannot be understood.
+    for (name, before) in [
+        ("a.msh", "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n"),
+        ("a.mesh", "MeshVersionFormatted 2\n"),
+        ("a.inp", "*NODE\n"),
+        ("a.vtk", "# vtk DataFile Version 2.0\n\n"),
+        ("a.vtu", "<VTKFile>\n"),
+    ] {
+        write(
+            name,
+            &[before.as_bytes(), b"\xF6 \x1B[31m 1 2 3\n"].concat(),
+        );
+        let told = |ran: &Ran| {
+            is_told_well(ran, name);
+            assert_eq!(ran.code, 2, "{name}: {}", ran.stderr);
+            let byte = format!("byte {}: expected ", before.len());
+            for words in [name, &byte, "found 0xF6, which is no text"] {
+                assert!(ran.stderr.contains(words), "{name}: {}", ran.stderr);
+            }
+        };
+        let info = sutura_in(at, &["mesh", "info", name]);
+        told(&info);
+        assert!(info.stderr.contains("write it again"), "{}", info.stderr);
+        let slab = "slab]\nsize_m = [0.04, 0.04, 0.02]\ndivisions = [4, 4, 2]";
+        let file = format!("]\nfile = \"{name}\"\nscale_to_m = 0.001");
+        let scene = SCENE.replace(&format!(".{slab}"), &file);
+        assert_ne!(scene, SCENE);
+        told(&check(at, &scene));
     }
 }
 

@@ -31,6 +31,7 @@ pub mod session;
 pub mod solve;
 mod source;
 pub mod step;
+pub mod text;
 pub mod thread;
 pub mod tool;
 pub mod work;

@@ -5,7 +5,15 @@ use std::path::{Path, PathBuf};
 
 /// From the bottom up. A room may name its own layer and those below.
 const LAYERS: [&[&str]; 8] = [
-    &["boxes", "clock", "core_time", "hash", "tool", "work"],
+    &[
+        "boxes",
+        "clock",
+        "core_time",
+        "hash",
+        "text",
+        "tool",
+        "work",
+    ],
     &["fem"],
     &["body", "columns", "contact", "renewal", "rows"],
     &[

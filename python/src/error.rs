@@ -7,6 +7,12 @@ use std::ops::ControlFlow;
 use sutura_host::link::LinkError;
 use sutura_host::session;
 
+/// A text for messages as the command prints them: see `sutura_host::text`.
+#[pyfunction]
+pub fn harmless(text: &str) -> String {
+    sutura_host::text::harmless(text)
+}
+
 pyo3::create_exception!(
     sutura,
     Error,
@@ -39,15 +45,15 @@ pyo3::create_exception!(
     "A console that is not there, went away, or refuses: what is wrong, and the next step."
 );
 
-/// A diagnostic as the command shows it off a terminal: no colours, no wrapping.
+/// A diagnostic as the command shows it off a terminal: no colours, no wrapping, nothing that steers, lines that end.
 pub fn text(diagnostic: &dyn Diagnostic) -> String {
     let plain = GraphicalReportHandler::new_themed(GraphicalTheme::unicode_nocolor());
     // Messages say what they come from themselves: a chain of causes would say it twice.
     let plain = plain.with_wrap_lines(false).without_cause_chain();
     let mut text = String::new();
     match plain.render_report(&mut text, diagnostic) {
-        Ok(()) => text.trim_end().to_owned(),
-        Err(_) => diagnostic.to_string(),
+        Ok(()) => harmless(text.trim_end()),
+        Err(_) => harmless(&diagnostic.to_string()),
     }
 }
 
@@ -68,14 +74,14 @@ pub fn of_solve(error: &session::SolveError) -> PyErr {
 
 /// A link that is not there, or broke.
 pub fn of_link(error: &LinkError) -> PyErr {
-    ConsoleError::new_err(format!("{error}: {}", error.help()))
+    ConsoleError::new_err(harmless(&format!("{error}: {}", error.help())))
 }
 
 /// A session that did not run to its end.
 pub fn of_session(error: &session::SessionError) -> PyErr {
     match error {
         session::SessionError::Link(error) => of_link(error),
-        other => ConsoleError::new_err(other.to_string()),
+        other => ConsoleError::new_err(harmless(&other.to_string())),
     }
 }
 
@@ -89,10 +95,10 @@ pub fn of_plan(error: &session::PlanError) -> PyErr {
 
 /// What is wrong, and what to do about it, in a line.
 pub fn said(error: &dyn Diagnostic) -> String {
-    match error.help() {
+    harmless(&match error.help() {
         Some(help) => format!("{error}: {help}"),
         None => error.to_string(),
-    }
+    })
 }
 
 /// What Python wants to do about Ctrl-C.

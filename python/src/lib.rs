@@ -20,7 +20,7 @@ mod _sutura {
     #[pymodule_export]
     use crate::console::{Console, Pose};
     #[pymodule_export]
-    use crate::error::{BusyError, ConsoleError, Error, SceneError, SolveError};
+    use crate::error::{BusyError, ConsoleError, Error, SceneError, SolveError, harmless};
     #[pymodule_export]
     use crate::report::{Contact, Jaws, Needle, Step, Thread};
     #[pymodule_export]

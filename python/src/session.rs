@@ -115,10 +115,10 @@ fn plan(
     rendering: Option<&str>,
 ) -> PyResult<Plan> {
     if scene.tissue == Tissue::Auto {
-        return Err(Error::new_err(format!(
+        return Err(Error::new_err(error::harmless(&format!(
             "the scene {:?} has `auto` tissue, which depends on what this machine can do: name a model in [tissue]",
             scene.name
-        )));
+        ))));
     }
     let plan = Plan::of_scene(scene).map_err(|error| error::of_plan(&error))?;
     let seconds = seconds.unwrap_or(plan.seconds);
@@ -141,9 +141,9 @@ fn plan(
         Some("tangent") => Rendering::Tangent,
         Some("rows") => Rendering::Rows,
         Some(other) => {
-            return Err(PyValueError::new_err(format!(
+            return Err(PyValueError::new_err(error::harmless(&format!(
                 "rendering is {other:?}: give \"hold\", \"tangent\" or \"rows\""
-            )));
+            ))));
         }
     };
     Ok(Plan {
@@ -175,5 +175,5 @@ pub fn replay_session(py: Python<'_>, path: PathBuf, build: String) -> PyResult<
 }
 
 fn of_recording(error: &RecordingError) -> PyErr {
-    Error::new_err(format!("{error}: {}", error.help()))
+    Error::new_err(error::harmless(&format!("{error}: {}", error.help())))
 }

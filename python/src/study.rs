@@ -1,7 +1,7 @@
 //! The studies' tables. Entry points from Python: `sutura.tradeoff`, `sutura.merge`, `sutura.stability`, `sutura.fidelity`. All return
 //! JSON with the keys of the command's, and hand on each line as it is found.
 
-use crate::error::{self, Error, interrupted};
+use crate::error::{self, Error, harmless, interrupted};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use serde::Serialize;
@@ -10,6 +10,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::Builder;
 use std::time::Duration;
+use sutura_host::text::utf8;
 use sutura_study::fidelity::case::{Case, Scenes};
 use sutura_study::fidelity::report::{Report, chosen};
 use sutura_study::fidelity::{mutants, oracles, suite};
@@ -44,7 +45,8 @@ pub fn tradeoff(
     each: Option<Py<PyAny>>,
 ) -> PyResult<String> {
     let share = cases.map_or(Ok(Share::ALL), str::parse);
-    let share: Share = share.map_err(|error| PyValueError::new_err(format!("cases: {error}")))?;
+    let share: Share =
+        share.map_err(|error| PyValueError::new_err(harmless(&format!("cases: {error}"))))?;
     let extent = Extent { full, timed };
     let plan = Plan::new(extent, only, share);
     let plan = plan.map_err(|error| PyValueError::new_err(error::said(&error)))?;
@@ -54,9 +56,17 @@ pub fn tradeoff(
     json(&table.map_err(Error::new_err)?)
 }
 
-/// One table of shares, each with its name: see `sutura.merge`.
+/// One table of shares, each with its name and the bytes of its file: see `sutura.merge`.
 #[pyfunction]
-pub fn merge_tradeoff(shares: Vec<(String, String)>) -> PyResult<String> {
+pub fn merge_tradeoff(shares: Vec<(String, Vec<u8>)>) -> PyResult<String> {
+    let read = |(name, bytes): (String, Vec<u8>)| match utf8(bytes) {
+        Ok(text) => Ok((name, text)),
+        Err(error) => {
+            let message = harmless(&format!("cannot read {name}: {error}"));
+            Err(PyValueError::new_err(message))
+        }
+    };
+    let shares: Vec<_> = shares.into_iter().map(read).collect::<PyResult<_>>()?;
     let table = merge(&shares).map_err(|error| PyValueError::new_err(error::said(&error)))?;
     Ok(table.to_string())
 }
@@ -75,11 +85,11 @@ pub fn stability(
     })?;
     let cases = cases.map_err(|error| error::of_scene(&error))?;
     if cases.is_empty() {
-        return Err(PyValueError::new_err(format!(
+        return Err(PyValueError::new_err(harmless(&format!(
             "no case has all the words `{}`: words are parts of a tissue or of what is extreme, as `corotational`, `turn`, `rows`, \
              `console`",
             words.join(" ")
-        )));
+        ))));
     }
     json(&extremes::Table::of(full, cases))
 }
@@ -101,9 +111,9 @@ pub fn fidelity(
     let whole = only.split_whitespace().next().is_none();
     let specs = chosen(suite::specs(extent), only);
     if specs.is_empty() {
-        return Err(PyValueError::new_err(format!(
+        return Err(PyValueError::new_err(harmless(&format!(
             "no case has all the words `{only}`: words are whole, as `palpation`, `taps`, `rows`, `60-hz`, `x0.5`; full has more cases"
-        )));
+        ))));
     }
     let all = || std::thread::available_parallelism().map_or(1, usize::from);
     let threads = threads.unwrap_or_else(all);

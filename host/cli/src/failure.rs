@@ -5,6 +5,7 @@
 
 use miette::{Diagnostic, GraphicalReportHandler, GraphicalTheme, Report};
 use std::io::IsTerminal;
+use sutura_host::text::harmless;
 
 /// What went wrong, as an exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -154,28 +155,6 @@ pub fn render(report: &Report) {
     let _ = std::io::Write::write_all(&mut std::io::stderr(), text.as_bytes());
 }
 
-/// Letters of a line that are shown: lists of all that a key may be are shorter, lines of a file that is no text are not.
-const MOST_LETTERS: usize = 2000;
-
-/// A text as a terminal may have it, whatever names and lines of files are in it: what would steer it is written out, and lines
-/// without end are cut.
-pub fn harmless(text: &str) -> String {
-    let lines = text.split('\n').map(|line| {
-        let mut shown = String::new();
-        for letter in line.chars().take(MOST_LETTERS) {
-            match letter.is_control() && letter != '\t' {
-                true => shown.extend(letter.escape_default()),
-                false => shown.push(letter),
-            }
-        }
-        if line.chars().nth(MOST_LETTERS).is_some() {
-            shown.push_str(" ...");
-        }
-        shown
-    });
-    lines.collect::<Vec<_>>().join("\n")
-}
-
 /// A failure that has no type of its own.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 #[error("{message}")]
@@ -188,22 +167,6 @@ struct Said {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn names_do_not_steer_terminals_and_lines_end() {
-        assert_eq!(
-            harmless("a\u{1b}[31mb\tc\nd\u{7}"),
-            "a\\u{1b}[31mb\tc\nd\\u{7}"
-        );
-        let long = harmless(&"x".repeat(100_000));
-        assert!(
-            long.len() < 2100 && long.ends_with("x ..."),
-            "{}",
-            long.len()
-        );
-        let (good, short) = ("cannot read `ä`: no", "y".repeat(MOST_LETTERS));
-        assert_eq!((harmless(good), harmless(&short)), (good.to_owned(), short));
-    }
 
     /// Scripts depend on these numbers.
     #[test]

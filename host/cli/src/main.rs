@@ -47,11 +47,12 @@ mod view;
 mod work;
 
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
-use failure::{Cause, Failure, harmless, render};
+use failure::{Cause, Failure, render};
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::io::IsTerminal;
 use std::process::ExitCode;
+use sutura_host::text::harmless;
 use sutura_host::work::TARGET;
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::SubscriberExt;
@@ -186,8 +187,13 @@ fn parse() -> Result<Cli, clap::Error> {
 /// Help and version on stdout; for a line that is wrong, what is wrong on stderr, and an object on stdout if
 /// the line asks for JSON.
 fn misused(error: &clap::Error) -> ExitCode {
+    let plain = error.to_string();
+    let text = harmless(&in_words(&plain));
     // A stream that nobody reads is no reason for another failure.
-    let _ = error.print();
+    let _ = match text == plain {
+        true => error.print(),
+        false => std::io::Write::write_all(&mut std::io::stderr(), text.as_bytes()),
+    };
     if !error.use_stderr() {
         return ExitCode::SUCCESS;
     }
@@ -198,7 +204,6 @@ fn misused(error: &clap::Error) -> ExitCode {
             .windows(2)
             .any(|two| two[0] == "--format" && two[1] == "json");
     if json {
-        let text = error.to_string();
         let mut paragraphs = text
             .split("\n\n")
             .map(|text| text.split_whitespace().collect::<Vec<_>>().join(" "));
@@ -210,6 +215,25 @@ fn misused(error: &clap::Error) -> ExitCode {
         say_failure(Cause::BadInput, message, Some(&help.join("\n")));
     }
     ExitCode::from(Cause::BadInput.code())
+}
+
+/// What the language says of a number that is none, in ours.
+fn in_words(text: &str) -> String {
+    const WORDS: [(&str, &str); 5] = [
+        ("invalid digit found in string", "a whole number is needed"),
+        (
+            "cannot parse integer from empty string",
+            "a whole number is needed",
+        ),
+        (
+            "number too large to fit in target type",
+            "so large a number is not taken",
+        ),
+        ("invalid float literal", "a number is needed"),
+        ("cannot parse float from empty string", "a number is needed"),
+    ];
+    let replaced = |text: String, (theirs, ours): &(&str, &str)| text.replace(theirs, ours);
+    WORDS.iter().fold(text.to_owned(), replaced)
 }
 
 fn start_logging(verbose: u8) {

@@ -10,8 +10,9 @@ use crate::{Format, Global};
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
+use sutura_host::text::utf8;
 use sutura_study::INTERRUPTED;
-use sutura_study::machine::{IDLE, load};
+use sutura_study::idle::{IDLE, load};
 use sutura_study::tradeoff::literature::FIGURES;
 use sutura_study::tradeoff::measure::{self, Extent};
 use sutura_study::tradeoff::suture;
@@ -162,11 +163,13 @@ pub fn run(args: &TradeoffArgs, global: &Global) -> Result<(), Failure> {
 fn merged(args: &MergeArgs, global: &Global) -> Result<(), Failure> {
     let read = |path: &PathBuf| {
         let name = path.display().to_string();
-        match std::fs::read_to_string(path) {
+        let bytes = std::fs::read(path).map_err(|error| error.to_string());
+        let text = bytes.and_then(|bytes| utf8(bytes).map_err(|error| error.to_string()));
+        match text {
             Ok(text) => Ok((name, text)),
-            Err(error) => Err(Failure::say(
+            Err(why) => Err(Failure::say(
                 Cause::BadInput,
-                format!("cannot read {name}: {error}"),
+                format!("cannot read {name}: {why}"),
                 "give what `sutura tradeoff --cases I/N --format json` printed, or the tradeoff.json of its --plot DIR",
             )),
         }

@@ -3,6 +3,7 @@
 //! Entry point: [`Document`]. Every complaint about a scene or a device is a [`SceneError`] made here.
 
 use crate::model::ModelError;
+use crate::text::{NotText, utf8};
 use miette::{Diagnostic, NamedSource, Severity, SourceSpan};
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
@@ -27,6 +28,15 @@ pub enum SceneError {
         path: PathBuf,
         /// What the system said.
         source: io::Error,
+    },
+    /// What is read is no text.
+    #[error("cannot read {}: {source}", path.display())]
+    #[diagnostic(help("{}", source.help()))]
+    NotText {
+        /// As asked for.
+        path: PathBuf,
+        /// Where it is none.
+        source: NotText,
     },
     /// Something in the file is wrong.
     #[error(transparent)]
@@ -154,18 +164,31 @@ impl Document {
     /// Reads a file.
     ///
     /// # Errors
-    /// [`SceneError::Unreadable`] when the system says so, also for text that is not UTF-8.
+    /// [`SceneError::Unreadable`] when the system says so, [`SceneError::NotText`].
     pub fn read(path: &Path) -> Result<Document, SceneError> {
-        let text = std::fs::read_to_string(path).map_err(|source| SceneError::Unreadable {
-            path: path.to_owned(),
+        Self::from_bytes(path, std::fs::read(path), Files::Disk(Arc::default()))
+    }
+
+    /// What was read at `path`, or why not; the files that it names are among `files`.
+    fn from_bytes(
+        path: &Path,
+        read: io::Result<Vec<u8>>,
+        files: Files,
+    ) -> Result<Document, SceneError> {
+        let path_of = || path.to_owned();
+        let bytes = read.map_err(|source| SceneError::Unreadable {
+            path: path_of(),
             source,
         })?;
-        let directory = path.parent().unwrap_or(Path::new("")).to_owned();
+        let text = utf8(bytes).map_err(|source| SceneError::NotText {
+            path: path_of(),
+            source,
+        })?;
         Ok(Document {
             name: path.display().to_string(),
-            directory,
+            directory: path.parent().unwrap_or(Path::new("")).to_owned(),
             text,
-            files: Files::Disk(Arc::default()),
+            files,
         })
     }
 
@@ -254,19 +277,9 @@ impl Document {
     /// The document at a [resolved](Self::resolve) path.
     ///
     /// # Errors
-    /// [`SceneError::Unreadable`], as [`Document::read`].
+    /// As of [`Document::read`].
     pub fn open(&self, path: &Path) -> Result<Document, SceneError> {
-        let unreadable = |source| SceneError::Unreadable {
-            path: path.to_owned(),
-            source,
-        };
-        let text = String::from_utf8(self.file(path).map_err(unreadable)?)
-            .map_err(|error| unreadable(io::Error::new(io::ErrorKind::InvalidData, error)))?;
-        let directory = path.parent().unwrap_or(Path::new(""));
-        Ok(Document {
-            files: self.files.clone(),
-            ..Document::embedded(&path.display().to_string(), directory, &text)
-        })
+        Self::from_bytes(path, self.file(path), self.files.clone())
     }
 
     fn key(&self, path: &Path) -> String {
@@ -427,12 +440,7 @@ fn in_words(message: &str) -> String {
         .or(found.strip_prefix("invalid value: "));
     let length = found.strip_prefix("invalid length ");
     let found = match (kinds, length) {
-        (Some(found), _) => found
-            .replace("string", "text")
-            .replace("floating point", "number")
-            .replace("integer", "number")
-            .replace("sequence", "list")
-            .replace("map", "section"),
+        (Some(found), _) => in_place(found),
         (None, Some(length)) => format!("a list of {length}"),
         (None, None) => return message.to_owned(),
     };
@@ -444,7 +452,7 @@ fn in_words(message: &str) -> String {
         (_, Some(length)) => format!("a list of {length}"),
         ("f64" | "f32", _) => "a number".to_owned(),
         ("u8", _) => "a whole number from 0 to 255".to_owned(),
-        ("usize" | "u16" | "u32" | "u64", _) => "a whole number, 0 or more".to_owned(),
+        ("usize" | "u16" | "u32" | "u64", _) => "a whole number from 0 up".to_owned(),
         ("i8" | "i16" | "i32" | "i64" | "isize", _) => "a whole number".to_owned(),
         ("a string", _) => "text".to_owned(),
         ("a boolean", _) => "true or false".to_owned(),
@@ -453,7 +461,20 @@ fn in_words(message: &str) -> String {
         (wanted, _) if wanted.starts_with("struct ") => "a section".to_owned(),
         (wanted, _) => wanted.to_owned(),
     };
-    format!("this is {found}, and {wanted} is needed")
+    format!("{wanted} is needed here, not {found}")
+}
+
+/// What stands in the place of something else: a value as it is written, text and more by its kind.
+fn in_place(found: &str) -> String {
+    let by_itself = ["integer ", "floating point ", "boolean "];
+    let value = by_itself.iter().find_map(|kind| found.strip_prefix(kind));
+    match (value, found.strip_prefix("string "), found) {
+        (Some(value), ..) => value.to_owned(),
+        (None, Some(text), _) => format!("the text {text}"),
+        (None, None, "sequence") => "a list".to_owned(),
+        (None, None, "map") => "a section".to_owned(),
+        (None, None, other) => other.to_owned(),
+    }
 }
 
 /// The known word nearest to a misspelt one, if one is near enough to be meant.
@@ -474,22 +495,21 @@ mod tests {
         for (text, said) in [
             (
                 "n = \"a\"",
-                "this is text \"a\", and a whole number, 0 or more is needed",
+                "a whole number from 0 up is needed here, not the text \"a\"",
             ),
             (
                 "n = -5",
-                "this is number `-5`, and a whole number, 0 or more is needed",
+                "a whole number from 0 up is needed here, not `-5`",
             ),
-            ("x = true", "this is boolean `true`, and a number is needed"),
+            ("x = true", "a number is needed here, not `true`"),
             (
                 "at = [1.0, 2.0]",
-                "this is a list of 2, and a list of 3 is needed",
+                "a list of 3 is needed here, not a list of 2",
             ),
-            (
-                "at = 1.0",
-                "this is number `1.0`, and a list of 3 is needed",
-            ),
-            ("part = 3", "this is number `3`, and a section is needed"),
+            ("at = 1.0", "a list of 3 is needed here, not `1.0`"),
+            ("part = 3", "a section is needed here, not `3`"),
+            ("x = [1.0]", "a number is needed here, not a list"),
+            ("x = { y = 1 }", "a number is needed here, not a section"),
         ] {
             let document = Document::embedded("a.toml", Path::new(""), text);
             let error = document.parse::<Anything>().expect_err(text);

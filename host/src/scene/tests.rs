@@ -689,7 +689,7 @@ const SLIPS: &[Slip] = &[
     Slip {
         from: "seconds = 2.5",
         to: "seconds = \"2.5\"",
-        message: "this is text \"2.5\", and a number is needed",
+        message: "a number is needed here, not the text \"2.5\"",
         under: "\"2.5\"",
         help: "",
     },

@@ -9,6 +9,7 @@ pub const INTERRUPTED: &str = "interrupted";
 pub mod choice;
 pub mod explain;
 pub mod fidelity;
+pub mod idle;
 pub mod machine;
 pub mod stability;
 pub mod tradeoff;

@@ -1,14 +1,11 @@
 //! Which machine measured something, and what else ran on it.
 //!
-//! Entry points: [`Machine::here`], [`load`], [`Busy`].
+//! Entry points: [`Machine::here`], [`Busy`].
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::fs::read_to_string;
 use std::time::Instant;
-
-/// A machine with more running processes, or more busy processors, than that is not idle.
-pub const IDLE: f64 = 0.5;
 
 /// What times depend on.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -57,12 +54,6 @@ pub fn cpu() -> String {
         .lines()
         .find_map(|line| line.strip_prefix("model name")?.split_once(':'));
     name.map_or("unknown", |(_, name)| name.trim()).to_owned()
-}
-
-/// Processes that ran or wanted to in the last minute, in the mean, where the system tells.
-pub fn load() -> Option<f64> {
-    let text = read_to_string("/proc/loadavg").ok()?;
-    text.split_whitespace().next()?.parse().ok()
 }
 
 /// Ticks of the kernel's clocks of processor time in a second, in all that it tells programs.

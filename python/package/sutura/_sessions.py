@@ -40,7 +40,8 @@ def run(
     if lockstep is None:
         lockstep = console == "virtual"
     if lockstep and console != "virtual":
-        raise ValueError(f"console is {console!r}, which runs by its own clock: lockstep=True goes with console='virtual'")
+        message = f"console is {console!r}, which runs by its own clock: lockstep=True goes with console='virtual'"
+        raise ValueError(_sutura.harmless(message))
     text = _sutura.run_session(scene, seconds, host_hz, rendering, path, _build(), console, lockstep)
     summary: dict[str, Any] = json.loads(text)
     return summary | {"console": console}

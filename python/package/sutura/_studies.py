@@ -45,9 +45,9 @@ def merge(shares: Sequence[Share]) -> dict[str, Any]:
     named = []
     for number, share in enumerate(shares):
         if isinstance(share, Mapping):
-            named.append((f"shares[{number}]", json.dumps(share)))
+            named.append((f"shares[{number}]", json.dumps(share).encode()))
         else:
-            named.append((os.fspath(share), Path(share).read_text(encoding="utf-8")))
+            named.append((os.fspath(share), Path(share).read_bytes()))
     table: dict[str, Any] = json.loads(_sutura.merge_tradeoff(named))
     return table
 

@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from . import _sutura
 from ._studies import merge, tradeoff
+from ._sutura import harmless
 from ._toml import to_toml
 
 _Found = Iterator[tuple[int, dict[str, Any]]]
@@ -55,13 +56,13 @@ def run_task(task: Mapping[str, Any]) -> dict[str, Any]:
     """
     measure = task.get("measure")
     if measure not in _KEYS:
-        raise ValueError(f"task['measure'] is {measure!r}: give one of {', '.join(map(repr, _KEYS))}")
+        raise ValueError(harmless(f"task['measure'] is {measure!r}: give one of {', '.join(map(repr, _KEYS))}"))
     needed, allowed = _KEYS[measure]
     for key in sorted(needed - set(task)):
-        raise ValueError(f"a task that measures {measure!r} has no {key!r}: it needs {', '.join(sorted(needed))}")
+        raise ValueError(harmless(f"a task that measures {measure!r} has no {key!r}: it needs {', '.join(sorted(needed))}"))
     for key in sorted(set(task) - needed - allowed - {"measure"}):
         known = ", ".join(sorted(needed | allowed))
-        raise ValueError(f"a task that measures {measure!r} has the key {key!r}: it knows {known}")
+        raise ValueError(harmless(f"a task that measures {measure!r} has the key {key!r}: it knows {known}"))
     return _tradeoff_errors(task) if measure == "tradeoff" else _force_errors(task)
 
 
@@ -76,9 +77,9 @@ def sweep(
     """
     engines: dict[str, Callable[[list[dict[str, Any]], Any], _Found]] = {"local": _local, "dask": _dask, "ray": _ray}
     if engine not in engines:
-        raise ValueError(f"engine is {engine!r}: give one of {', '.join(map(repr, engines))}")
+        raise ValueError(harmless(f"engine is {engine!r}: give one of {', '.join(map(repr, engines))}"))
     if client is not None and engine != "dask":
-        raise ValueError(f"client is for the engine 'dask', and engine is {engine!r}: leave it out")
+        raise ValueError(harmless(f"client is for the engine 'dask', and engine is {engine!r}: leave it out"))
     return engines[engine]([dict(task) for task in tasks], client)
 
 
@@ -97,9 +98,9 @@ def tradeoff_times(
         "ray": _shares_by_ray,
     }
     if engine not in engines:
-        raise ValueError(f"engine is {engine!r}: give one of {', '.join(map(repr, engines))}")
+        raise ValueError(harmless(f"engine is {engine!r}: give one of {', '.join(map(repr, engines))}"))
     if client is not None and engine != "dask":
-        raise ValueError(f"client is for the engine 'dask', and engine is {engine!r}: leave it out")
+        raise ValueError(harmless(f"client is for the engine 'dask', and engine is {engine!r}: leave it out"))
     count = len(_sutura.tradeoff_cases(only, full))
     shares = [(only, full, f"{number}/{count}") for number in range(1, count + 1)]
     table = merge(list(engines[engine](shares, client)))
@@ -198,7 +199,7 @@ def _varied(description: Mapping[str, Any], vary: Mapping[str, Any], what: str) 
         for section in sections:
             table = table.setdefault(section, {}) if isinstance(table, dict) else None
         if not isinstance(table, dict):
-            raise ValueError(f"task[{what!r}] has {place!r}: only keys of sections can be varied, as 'tissue.model'")
+            raise ValueError(harmless(f"task[{what!r}] has {place!r}: only keys of sections can be varied, as 'tissue.model'"))
         table[key] = value
     return varied
 

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from ._sutura import harmless
+
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -29,7 +31,7 @@ def _plain(value: Any, place: str) -> Any:
     if isinstance(value, Mapping):
         for key in value:
             if not isinstance(key, str):
-                raise TypeError(f"the key {key!r} in {place or 'the scene'} is {_kind(key)}: keys are text")
+                raise TypeError(harmless(f"the key {key!r} in {place or 'the scene'} is {_kind(key)}: keys are text"))
         return {key: _plain(each, f"{place}.{key}" if place else key) for key, each in value.items()}
     if isinstance(value, (bool, np.bool_)):
         return bool(value)
@@ -46,7 +48,7 @@ def _plain(value: Any, place: str) -> Any:
     if isinstance(value, Sequence):
         return [_plain(each, f"{place}[{index}]") for index, each in enumerate(value)]
     hint = "leave the key out" if value is None else "give a number, text, a list, an array or a dict"
-    raise TypeError(f"{place} is {_kind(value)}: {hint}")
+    raise TypeError(harmless(f"{place} is {_kind(value)}: {hint}"))
 
 
 def _kind(value: Any) -> str:

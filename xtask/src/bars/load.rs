@@ -1,5 +1,6 @@
 //! What goes on beside a session, and what its user may do. Entry points: [`Load::begin`], [`Load::run`].
 
+use super::idle::{IDLE, load};
 use super::measured::Measured;
 use crate::run::root;
 use anyhow::{Context, Result, bail};
@@ -15,9 +16,6 @@ const NOBODY: &str = "65534";
 
 /// A session that takes longer hangs \[s\].
 const MOST_S: &str = "300";
-
-/// A machine with more running processes than that is not idle.
-const IDLE: f64 = 0.5;
 
 /// What a session has beside it, and whether it may ask for real-time scheduling.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -87,8 +85,7 @@ impl Load {
 
     /// What is to be said before.
     pub fn warning(self) -> Option<String> {
-        let text = std::fs::read_to_string("/proc/loadavg").ok()?;
-        let load: f64 = text.split_whitespace().next()?.parse().ok()?;
+        let load = load()?;
         (self == Self::Idle && load > IDLE).then(|| {
             format!("the machine is not idle: {load} processes ran in the last minute; what follows is of that machine")
         })

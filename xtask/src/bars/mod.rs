@@ -2,6 +2,8 @@
 //! loops, against the same scene in lockstep. Entry point: [`all`].
 
 pub mod client;
+#[path = "../../../host/study/src/idle.rs"]
+mod idle;
 mod judge;
 mod load;
 mod measured;

@@ -93,7 +93,7 @@ impl Deck<'_> {
             let line = ahead.rest_of_line();
             if !line.starts_with(b"**") {
                 let text = std::str::from_utf8(line);
-                let text = text.map_err(|_| self.file.expected("text", "bytes that are none"))?;
+                let text = text.map_err(|_| self.file.expected("text", ""))?;
                 return Ok(Some(text.to_owned()));
             }
             self.file.next_line();

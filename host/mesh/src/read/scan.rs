@@ -4,6 +4,7 @@
 //! the bytes that are there.
 
 use super::super::{MeshError, Place};
+use std::str::Utf8Error;
 
 /// Letters of a file that a message shows.
 const SHOWN: usize = 60;
@@ -109,6 +110,16 @@ impl Number {
             Number::Whole(x) => i64::try_from(x).ok(),
             Number::Real(x) => (x.fract() == 0.0 && x.abs() < 9e15).then_some(x as i64),
         }
+    }
+}
+
+/// Bytes that are no text where text is expected, those from `start` of the file.
+pub(crate) fn no_text(expected: &str, bytes: &[u8], start: usize, error: Utf8Error) -> MeshError {
+    let found = bytes.get(error.valid_up_to()).copied().unwrap_or_default();
+    MeshError::Syntax {
+        at: Place::Byte(start + error.valid_up_to()),
+        expected: expected.into(),
+        found: format!("0x{found:02X}, which is no text"),
     }
 }
 
@@ -368,11 +379,15 @@ impl<'a> Scan<'a> {
         let cut = |text: &str| text.chars().take(SHOWN).collect::<String>();
         let mut said = format!("`{}`", cut(found));
         if !matches!(self.coding, Coding::Binary(_)) {
-            let line = &self.bytes[self.line_start.min(self.at)..];
+            let start = self.line_start.min(self.at);
+            let line = &self.bytes[start..];
             let end = line.iter().position(|b| *b == b'\n').unwrap_or(line.len());
-            let line = String::from_utf8_lossy(line[..end].trim_ascii());
+            let line = match std::str::from_utf8(&line[..end]) {
+                Ok(line) => line.trim_ascii(),
+                Err(error) => return no_text(expected, line, start, error),
+            };
             if line != found && !line.is_empty() {
-                said = format!("{said} in `{}`", cut(&line));
+                said = format!("{said} in `{}`", cut(line));
             }
         }
         MeshError::Syntax {

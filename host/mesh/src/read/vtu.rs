@@ -5,7 +5,7 @@
 
 use super::super::{MeshError, Place, RawMesh};
 use super::names_regions;
-use super::scan::{Endian, Kind, Number};
+use super::scan::{Endian, Kind, Number, no_text};
 use super::vtk::Grid;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -52,15 +52,11 @@ fn split(bytes: &[u8]) -> Result<(String, &[u8]), MeshError> {
         let lines = bytes.iter().take(end).filter(|b| **b == b'\n');
         Place::Line(1 + lines.count())
     };
-    let text = |bytes: &[u8]| {
+    let text = |start: usize, bytes: &[u8]| {
         let text = std::str::from_utf8(bytes).map(str::to_owned);
-        text.map_err(|error| MeshError::Syntax {
-            at: line(error.valid_up_to()),
-            expected: "text".into(),
-            found: "bytes that are none".into(),
-        })
+        text.map_err(|error| no_text("text", bytes, start, error))
     };
-    let mut xml = text(head)?;
+    let mut xml = text(0, head)?;
     if start.is_none() {
         return Ok((xml, &[]));
     }
@@ -71,7 +67,7 @@ fn split(bytes: &[u8]) -> Result<(String, &[u8]), MeshError> {
     let close = rest.iter().position(|b| *b == b'>');
     let close = close.ok_or_else(|| cut_off("the end of <AppendedData"))?;
     let (tag, data) = rest.split_at(close);
-    xml.push_str(text(tag)?.trim_end_matches('/'));
+    xml.push_str(text(head.len(), tag)?.trim_end_matches('/'));
     xml.push_str("/></VTKFile>");
     let data = data[1..].trim_ascii_start();
     let data = data.strip_prefix(b"_");

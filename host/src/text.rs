@@ -1,0 +1,110 @@
+//! Texts of users: bytes that are none, and what would steer a terminal or never ends.
+//!
+//! Entry points: [`utf8`] for files that come, [`harmless`] for messages that go.
+
+use thiserror::Error;
+
+/// Letters of a line that are shown: lists of all that a key may be are shorter, lines of a file that is no text are not.
+pub const MOST_LETTERS: usize = 2000;
+
+/// Bytes that are no text in UTF-8, and the first of them that is not.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[error("it is no text: byte {byte}, in line {line}, is 0x{found:02X}, which UTF-8 has not there")]
+pub struct NotText {
+    /// After so many bytes.
+    pub byte: usize,
+    /// In this line, from 1.
+    pub line: usize,
+    /// What stands there.
+    pub found: u8,
+    is_utf16: bool,
+}
+
+impl NotText {
+    /// What the user can do.
+    pub fn help(&self) -> &'static str {
+        match self.is_utf16 {
+            true => {
+                "it begins as UTF-16 does: save it as UTF-8, or `iconv -f UTF-16 -t UTF-8 FILE > NEW`"
+            }
+            false => {
+                "name a text file; if it is one, save it as UTF-8, or `iconv -f LATIN1 -t UTF-8 FILE > NEW`"
+            }
+        }
+    }
+}
+
+/// The text of a file's bytes.
+///
+/// # Errors
+/// [`NotText`], at the first byte that is not of UTF-8.
+pub fn utf8(bytes: Vec<u8>) -> Result<String, NotText> {
+    String::from_utf8(bytes).map_err(|error| {
+        let byte = error.utf8_error().valid_up_to();
+        let bytes = error.as_bytes();
+        let (before, rest) = bytes.split_at(byte);
+        NotText {
+            byte,
+            line: 1 + before.iter().filter(|byte| **byte == b'\n').count(),
+            found: rest.first().copied().unwrap_or_default(),
+            is_utf16: matches!(bytes, [0xFF, 0xFE, ..] | [0xFE, 0xFF, ..]),
+        }
+    })
+}
+
+/// A text as a terminal may have it, whatever names and lines of files are in it: what would steer it is written out, and lines
+/// without end are cut after [`MOST_LETTERS`].
+pub fn harmless(text: &str) -> String {
+    let lines = text.split('\n').map(|line| {
+        let mut shown = String::new();
+        for letter in line.chars().take(MOST_LETTERS) {
+            match letter.is_control() && letter != '\t' {
+                true => shown.extend(letter.escape_default()),
+                false => shown.push(letter),
+            }
+        }
+        if line.chars().nth(MOST_LETTERS).is_some() {
+            shown.push_str(" ...");
+        }
+        shown
+    });
+    lines.collect::<Vec<_>>().join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bytes_that_are_no_text_are_told_by_place() {
+        assert_eq!(utf8("ä\n".into()), Ok("ä\n".to_owned()));
+        let told = |bytes: &[u8]| utf8(bytes.to_vec()).expect_err("no text");
+        let latin = told(b"a = 1\nname = \"K\xF6rper\"\n");
+        assert_eq!(
+            latin.to_string(),
+            "it is no text: byte 15, in line 2, is 0xF6, which UTF-8 has not there"
+        );
+        assert!(latin.help().contains("LATIN1"), "{}", latin.help());
+        let wide = told(b"\xFF\xFEa\0=\0");
+        assert_eq!((wide.byte, wide.line, wide.found), (0, 1, 0xFF));
+        assert!(wide.help().contains("UTF-16"), "{}", wide.help());
+        // A letter that is cut off at the end.
+        assert_eq!(told(b"ab\xC3").byte, 2);
+    }
+
+    #[test]
+    fn names_do_not_steer_terminals_and_lines_end() {
+        assert_eq!(
+            harmless("a\u{1b}[31mb\tc\nd\u{7}"),
+            "a\\u{1b}[31mb\tc\nd\\u{7}"
+        );
+        let long = harmless(&"x".repeat(100_000));
+        assert!(
+            long.len() < 2100 && long.ends_with("x ..."),
+            "{}",
+            long.len()
+        );
+        let (good, short) = ("cannot read `ä`: no", "y".repeat(MOST_LETTERS));
+        assert_eq!((harmless(good), harmless(&short)), (good.to_owned(), short));
+    }
+}
