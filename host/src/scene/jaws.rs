@@ -111,7 +111,11 @@ fn read_shape(document: &Document, said: &JawsSection) -> Result<jaws::Jaws, Sce
     };
     let not_negative = |v: f64| v >= 0.0;
     let help = "in newtons: graspers press with 1 to 5";
-    let clamp_n = document.number("clamp_n", &said.clamp_n, "0 or more", not_negative, help)?;
+    let clamp_n = match *said.clamp_n.get_ref() == f64::INFINITY {
+        // Nothing slips.
+        true => f64::INFINITY,
+        false => document.number("clamp_n", &said.clamp_n, "0 or more", not_negative, help)?,
+    };
     let rule = format!("between 0 and {MOST_FRICTION}");
     let help = "serrated jaws on wet tissue have 0.3 to 0.6";
     let in_range = |v: f64| (0.0..=MOST_FRICTION).contains(&v);
@@ -293,6 +297,11 @@ friction = 0.4
         let closed = [0.9, 1.0, 1.9, 2.0, 2.9, 3.0, 99.0].map(|time_s| jaws.is_closed(time_s));
         assert_eq!(closed, [false, true, true, false, false, true, true]);
         assert_eq!(scene.driven_jaws(), Some(4));
+        // Nothing slips.
+        let tight = SCENE.replace("clamp_n = 2.0", "clamp_n = inf");
+        let document = Document::embedded("test.toml", "".as_ref(), &tight);
+        let tight = Scene::read(&document, "test").expect("a good scene");
+        assert_eq!(tight.jaws[0].part.jaws.clamp_n, f64::INFINITY);
         // What is left out.
         let usual = read("").expect("a good scene").jaws[0].part.jaws;
         assert_eq!(usual, jaws::Jaws::new(2.0, 0.4));
@@ -313,6 +322,10 @@ friction = 0.4
         refused(&second(7), "is nowhere");
         refused(&second(8), "there is no tool 8");
         refused("points = 2", "points = 2");
+        refused(
+            "[[jaws]]\ntool = 0\nclamp_n = -inf\nfriction = 0.5",
+            "clamp_n",
+        );
         refused("opening_deg = 180.0", "opening_deg");
         refused("width_m = 0.0", "width_m");
         refused("strength_pa = -1.0", "strength_pa");
