@@ -3,7 +3,7 @@
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use sutura_mesh::{RawMesh, read_raw_mesh, read_raw_mesh_with};
+use sutura_mesh::{RawMesh, SurfaceFormat, read_raw_mesh, read_raw_mesh_with};
 
 /// Each file, and whether it has the names of its regions.
 const FILES: [(&str, bool); 18] = [
@@ -478,6 +478,50 @@ fn what_is_wrong_is_named_by_its_place() {
             );
         }
         assert!(memory < MOST_MEMORY, "{name} with {to:?}: {memory} bytes");
+    }
+}
+
+/// Of a list in a `.ply` no more is kept than a face can have corners, however long it is; a face of more is refused.
+#[test]
+fn long_lists_of_a_ply_take_no_memory() {
+    const LONG: u32 = 1_000_000;
+    let file = |list: &str| {
+        let head = format!(
+            "ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
+             element face 1\nproperty list uint uchar {list}\nproperty list uchar uchar vertex_index\nend_header\n"
+        );
+        let mut bytes = head.into_bytes();
+        bytes.extend([0; 12]);
+        bytes.extend(LONG.to_le_bytes());
+        bytes.resize(bytes.len() + LONG as usize, 0);
+        bytes.extend([3, 0, 0, 0]);
+        bytes
+    };
+    for (list, said) in [
+        ("more", None),
+        (
+            "vertex_indices",
+            Some("a face of 3 to 1000 corners, found `more`"),
+        ),
+    ] {
+        let bytes = file(list);
+        let mut read = None;
+        let memory = allocation_counter::measure(|| {
+            read = Some(SurfaceFormat::Ply.read(&bytes, 1.0));
+        });
+        let error = read
+            .expect("it was read")
+            .err()
+            .map(|error| error.to_string());
+        assert!(
+            memory.bytes_max < 1_000_000,
+            "{list}: {} bytes",
+            memory.bytes_max
+        );
+        match said {
+            Some(said) => assert!(error.is_some_and(|error| error.contains(said)), "{list}"),
+            None => assert_eq!(error, None, "{list}"),
+        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! What tissue weighs: `gravity_m_per_s2`, and `density_kg_per_m3` of `[tissue]` and of each `[[region]]`.
 //!
-//! Entry points: [`read_gravity`], [`read_density`], [`read_settle`].
+//! Entry points: [`read_gravity`], [`read_densities`], [`read_settle`].
 
 use super::document::{Document, Flaw, SceneError};
 use super::{Scene, Tissue, units};
@@ -93,7 +93,7 @@ impl Scene {
 }
 
 /// Gravity and the weight that the densities of the cells give with it; none in a scene that does not name it, or names no
-/// direction. `of_cell`: 0 for `[tissue]`, else which `[[region]]`, from 1, (m).
+/// direction. `of_cell`: 0 for `[tissue]`, else which `[[region]]`, from 1, (m); `densities` by that number \[kg/m^3\].
 ///
 /// # Errors
 /// A flaw at gravity that is none, at what has no density, and where a part of the tissue is held by nothing.
@@ -102,10 +102,10 @@ pub(super) fn read_gravity(
     file: &SceneFile,
     mesh: &TetMesh,
     of_cell: &[u32],
+    densities: &[Option<f64>],
     fixed: &[u32],
     warnings: &mut Vec<Flaw>,
 ) -> Result<Option<Gravity>, SceneError> {
-    let densities = read_densities(document, file, warnings)?;
     let Some(value) = &file.gravity_m_per_s2 else {
         warnings.extend(idle_densities(document, file));
         return Ok(None);
@@ -165,7 +165,10 @@ fn read_acceleration(
 }
 
 /// Density of `[tissue]` first, then of each `[[region]]`, which has that of `[tissue]` where it says nothing \[kg/m^3\].
-fn read_densities(
+///
+/// # Errors
+/// A flaw at one that is none of any matter, with the factor that another unit suggests.
+pub(super) fn read_densities(
     document: &Document,
     file: &SceneFile,
     warnings: &mut Vec<Flaw>,
@@ -193,7 +196,7 @@ fn read_densities(
 ///
 /// # Errors
 /// A flaw at one that is none of any matter, with the factor that another unit suggests.
-pub(super) fn read_density(document: &Document, value: &Spanned<f64>) -> Result<f64, SceneError> {
+fn read_density(document: &Document, value: &Spanned<f64>) -> Result<f64, SceneError> {
     let density = *value.get_ref();
     let [least, most] = DENSITIES;
     let help = match likely_factor(density) {

@@ -6,7 +6,7 @@ use super::added;
 use super::bodies::{idle_pairs, read_body_contacts};
 use super::device::find_device;
 use super::document::{Document, Flaw, SceneError};
-use super::gravity::{read_density, read_gravity, read_settle};
+use super::gravity::{read_densities, read_gravity, read_settle};
 use super::hand::hand_script;
 use super::jaws::read_jaws;
 use super::needles::{read_needle_solver, read_needle_tissue, read_needles};
@@ -138,11 +138,17 @@ impl Scene {
         for load in &file.load {
             forces.extend(read_load(document, &mesh, load)?);
         }
-        let gravity = read_gravity(document, &file, &mesh, &of_cell, &fixed, &mut warnings)?;
-        let density_kg_per_m3 = match &file.tissue.density_kg_per_m3 {
-            Some(value) => read_density(document, value)?,
-            None => DENSITY_KG_PER_M3,
-        };
+        let densities = read_densities(document, &file, &mut warnings)?;
+        let gravity = read_gravity(
+            document,
+            &file,
+            &mesh,
+            &of_cell,
+            &densities,
+            &fixed,
+            &mut warnings,
+        )?;
+        let density_kg_per_m3 = densities.first().copied().flatten();
         let mut scene = Scene {
             name: file.name.clone().unwrap_or_else(|| name.to_owned()),
             seconds: read_seconds(document, &file)?,
@@ -150,7 +156,7 @@ impl Scene {
             mesh,
             tissue: read_tissue(document, &file.tissue)?,
             materials,
-            density_kg_per_m3,
+            density_kg_per_m3: density_kg_per_m3.unwrap_or(DENSITY_KG_PER_M3),
             gravity,
             settle: true,
             regions,

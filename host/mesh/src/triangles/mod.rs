@@ -120,7 +120,11 @@ impl TriangleMesh {
     fn push_face(&mut self, file: &Scan, face: u32, corners: &[u32]) -> Result<(), MeshError> {
         if !(3..=MOST_CORNERS).contains(&corners.len()) {
             let what = format!("a face of 3 to {MOST_CORNERS} corners");
-            return Err(file.expected(&what, &corners.len().to_string()));
+            let found = match corners.len() > MOST_CORNERS {
+                true => "more".to_owned(),
+                false => corners.len().to_string(),
+            };
+            return Err(file.expected(&what, &found));
         }
         for triangle in polygon::split(&self.points_m, corners) {
             self.triangles.push(triangle);

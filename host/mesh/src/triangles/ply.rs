@@ -3,7 +3,7 @@
 //!
 //! Entry point: [`read_ply`]. Format: Turk 1994, The PLY polygon file format.
 
-use super::TriangleMesh;
+use super::{MOST_CORNERS, TriangleMesh};
 use crate::MeshError;
 use crate::read::{Coding, Endian, Kind, Number, Scan};
 
@@ -131,7 +131,7 @@ fn read_property<'a>(file: &mut Scan<'a>) -> Result<Property<'a>, MeshError> {
     })
 }
 
-/// The numbers of one thing, of each property.
+/// The numbers of one thing, of each property; of a list no more than the corners of a face can be, and one.
 fn read_one(
     file: &mut Scan,
     element: &Element,
@@ -145,7 +145,10 @@ fn read_one(
             None => 1,
         };
         for _ in 0..count {
-            numbers.push(file.number(property.kind, property.name)?);
+            let number = file.number(property.kind, property.name)?;
+            if numbers.len() <= MOST_CORNERS {
+                numbers.push(number);
+            }
         }
     }
     Ok(())
