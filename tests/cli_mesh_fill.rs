@@ -4,6 +4,7 @@
 //! meshes that the test made. With `SUTURA_FULL=1` gmsh itself has to be on `PATH`.
 
 use crate::full::full;
+use crate::support::described::assert_described;
 use crate::support::{Ran, ran, sutura_in};
 use serde_json::Value;
 use std::fmt::Write;
@@ -116,6 +117,7 @@ fn what_is_put_right_is_said() {
     let ran = fill(at, &[&arguments[..], &["--format", "json"]].concat());
     assert_eq!(ran.code, 0, "{}", ran.stderr);
     let report = ran.json();
+    assert_described("mesh-fill", &report);
     let expected = serde_json::json!({
         "welded_points": 0, "dropped_triangles": 1, "split_edges": 0, "filled_holes": 1, "turned_triangles": 13, "parts": 2,
         "hollows": 1,
@@ -333,6 +335,7 @@ fn gmsh_fills_a_ring() {
     let ran = sutura_in(at, &[&arguments[..], &more[..]].concat());
     assert_eq!(ran.code, 0, "{}", ran.stderr);
     let report: Value = ran.json();
+    assert_described("mesh-fill", &report);
     let nodes = report["nodes"].as_f64().expect("a number");
     assert!((nodes / 1000.0 - 1.0).abs() <= 0.1, "{nodes}");
     assert_eq!(report["usable"], true, "{report}");
@@ -396,6 +399,7 @@ fn a_label_volume_becomes_a_scene_in_three_commands() {
     let ran = sutura_in(at, &[&["mesh", "fill"], &arguments[..]].concat());
     assert_eq!(ran.code, 0, "{}", ran.stderr);
     let report: Value = ran.json();
+    assert_described("mesh-fill", &report);
     let nodes = report["nodes"].as_f64().expect("a number");
     assert!((nodes / 1000.0 - 1.0).abs() <= 0.1, "{nodes}");
     assert_eq!(report["usable"], true, "{report}");

@@ -1,6 +1,8 @@
 //! Keys of what commands print: those that `sutura schema` describes, which are those of the book's tables.
 
 use crate::support::described::assert_described;
+#[cfg(unix)]
+use crate::support::ran;
 use crate::support::{root, sutura, sutura_in};
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -180,4 +182,77 @@ fn commands_that_look_at_files_print_the_keys_that_are_described() {
         let text = std::fs::read_to_string(at.join(file)).expect("written");
         assert_described("solution", &serde_json::from_str(&text).expect("JSON"));
     }
+}
+
+/// A board that tests itself, of which one check fails.
+#[cfg(unix)]
+#[test]
+fn a_self_test_prints_the_keys_that_are_described() {
+    use std::time::{Duration, Instant};
+    use sutura_host::link::Port;
+    const SAID: &[u8] = b"pass reset cause 1, epitaph 0\r\nuntimed clocks 0 cycles\r\nFAIL stop_cuts enable stayed high\r\nend 1 passed\r\n";
+    let mut board = sutura_hil::Pty::open().expect("a pseudo-terminal");
+    let path = board.path().to_owned();
+    let there = std::thread::spawn(move || {
+        let began = Instant::now();
+        let mut asked = [0; 8];
+        while began.elapsed() < Duration::from_secs(60) {
+            let count = board.read(&mut asked, Duration::from_millis(50));
+            if count.expect("readable") > 0 {
+                board.write(SAID).expect("room");
+                break;
+            }
+        }
+        board
+    });
+    let tested = sutura(&["device", "selftest", &path, "--format", "json"]);
+    let _board = there.join().expect("it ends");
+    assert_eq!(tested.code, 1, "{}", tested.stderr);
+    let printed = tested.json();
+    assert_described("device-selftest", &printed);
+    assert_eq!(printed["failed"], serde_json::json!(["stop_cuts"]));
+    let verdicts = ["pass", "untimed", "FAIL"];
+    for (check, verdict) in printed["checks"]
+        .as_array()
+        .expect("a list")
+        .iter()
+        .zip(verdicts)
+    {
+        assert_eq!(check["verdict"], verdict);
+    }
+}
+
+/// Without a console on USB it is a failure, with its keys.
+#[test]
+fn a_list_of_consoles_is_described_with_and_without_any() {
+    let listed = sutura(&["device", "list", "--format", "json"]);
+    match listed.code {
+        0 => assert_described("device-list", &listed.json()),
+        3 => assert_described("failure", &listed.json()),
+        code => panic!("exit code {code}: {}", listed.stderr),
+    }
+}
+
+/// A console of its own says where it is before anything else.
+#[cfg(unix)]
+#[test]
+fn a_console_prints_the_keys_that_are_described() {
+    use std::io::{BufRead, BufReader};
+    use std::process::{Command, Stdio};
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut console = Command::new(env!("CARGO_BIN_EXE_sutura"))
+        .args(["console", "--link", "bench", "--format", "json"])
+        .current_dir(folder.path())
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("it starts");
+    let mut line = String::new();
+    let mut stdout = BufReader::new(console.stdout.take().expect("a pipe"));
+    let read = stdout.read_line(&mut line);
+    let told = ran(Command::new("kill").arg(console.id().to_string()));
+    let ended = console.wait().expect("it ends");
+    assert!(read.is_ok() && told.code == 0 && ended.success(), "{ended}");
+    let printed: Value = serde_json::from_str(&line).expect("an object");
+    assert_described("console", &printed);
+    assert_eq!(printed["port"], "bench");
 }

@@ -259,15 +259,20 @@ struct Report {
 /// A line of it.
 #[derive(Debug, PartialEq, Eq, Serialize, JsonSchema)]
 struct Found {
+    /// Name of the check.
     name: String,
+    /// How it ended.
     verdict: Verdict,
+    /// What was measured, in the board's words.
     figure: String,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, JsonSchema)]
 enum Verdict {
+    /// As it should be.
     #[serde(rename = "pass")]
     Pass,
+    /// Not as it should be.
     #[serde(rename = "FAIL")]
     Fail,
     /// The board's cycle counter stands: it is an emulator, or broken.
@@ -540,6 +545,33 @@ mod tests {
         let text = std::fs::read_to_string(&path).expect("written");
         let expected = "pass clocks 3 of 4\nuntimed usb_up 3 of 4\nFAIL encoder_2_forward 3 of 4\n";
         assert_eq!(text, expected);
+    }
+
+    /// What only a board on USB gives; `tests/schemas.rs` has the rest.
+    #[test]
+    fn consoles_and_their_logs_have_the_keys_that_are_described() {
+        let plugged = Plugged {
+            port: "/dev/ttyACM0".to_owned(),
+            serial_number: "0043002B3438510B32363530".to_owned(),
+        };
+        let listed = Listed {
+            status: "ok",
+            consoles: vec![plugged],
+        };
+        crate::schema::assert_described("device-list", &listed);
+        let said = Logged {
+            time_s: Some(1.5),
+            level: "info",
+            text: Some("armed"),
+        };
+        let garbled = Logged {
+            time_s: None,
+            level: "",
+            text: None,
+        };
+        for line in [said, garbled] {
+            crate::schema::assert_described("device-log", &line);
+        }
     }
 
     /// A board that asks for 60 bytes, resets itself, and goes on.

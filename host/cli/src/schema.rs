@@ -147,6 +147,36 @@ const fn output(name: &'static str, about: &'static str, schema: fn() -> Schema)
     }
 }
 
+/// That every key of what is printed under that name is described, and that every one that is described is there.
+#[cfg(test)]
+pub fn assert_described(name: &str, printed: &impl serde::Serialize) {
+    let output = OUTPUTS.iter().find(|output| output.name == name);
+    let Some(Object(schema)) = output.map(|output| &output.described) else {
+        panic!("no object is called {name}");
+    };
+    let table = keys(&schema().to_value());
+    let described = table
+        .lines()
+        .skip(2)
+        .filter_map(|row| row.split('`').nth(1));
+    let described: std::collections::BTreeSet<_> = described.map(str::to_owned).collect();
+    let mut found = std::collections::BTreeSet::new();
+    let printed = serde_json::to_value(printed).expect("JSON");
+    let mut left = vec![(String::new(), &printed)];
+    while let Some((before, value)) = left.pop() {
+        for (key, value) in value.as_object().into_iter().flatten() {
+            let objects = value.as_array().into_iter().flatten();
+            let objects: Vec<_> = objects.filter(|value| value.is_object()).collect();
+            let many = if objects.is_empty() { "" } else { "[]" };
+            let key = format!("{before}{key}{many}");
+            let inner = objects.into_iter().chain([value]);
+            left.extend(inner.map(|value| (format!("{key}."), value)));
+            found.insert(key);
+        }
+    }
+    assert_eq!(found, described, "{name}");
+}
+
 fn names() -> impl Iterator<Item = &'static str> {
     OUTPUTS.iter().map(|output| output.name)
 }
