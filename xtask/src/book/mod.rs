@@ -4,6 +4,8 @@
 //! mdBook itself looks nothing up: a link to a page that is not there is a link in its pages. So what it has written is read here.
 
 mod html;
+#[cfg(test)]
+mod links;
 mod source;
 mod tables;
 
