@@ -2,6 +2,7 @@
 
 import json
 import pickle
+import re
 import subprocess
 import sys
 import warnings
@@ -143,6 +144,63 @@ def test_two_workers_one_of_them_killed_find_the_errors_of_one_process(engine):
         assert "the errors are those of one process" in ran.stdout and "bytes to ship" in ran.stdout
         assert ("a worker was killed" in ran.stdout) == (extra == ["--kill"]), ran.stdout
         assert ("lines at the front, on" in ran.stdout) == (extra == ["--times"]), ran.stdout
+
+
+#: Times are asked for beside a task that waits; each prints what it is told.
+BUSY = {
+    # Refused while a worker there has it, and taken after that.
+    "dask": """
+import time
+import sutura
+from dask.distributed import Client, Event, LocalCluster
+
+if __name__ == "__main__":
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
+        task = client.submit(lambda: Event("go on").wait(), pure=False)
+        while not any(client.processing().values()):
+            time.sleep(0.05)
+        try:
+            sutura.tradeoff_times("beam-tension linear", engine="dask", client=client)
+        except RuntimeError as error:
+            print("refused:", error)
+        Event("go on").set()
+        task.result()
+        table = sutura.tradeoff_times("beam-tension linear", engine="dask", client=client)
+        print("taken:", table["made"][0]["cases"])
+""",
+    # Not begun before it is over.
+    "ray": """
+import time
+import ray
+import sutura
+
+ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False)
+free = ray.available_resources()["CPU"]
+task = ray.remote(lambda: time.sleep(10)).remote()
+while ray.available_resources().get("CPU") == free:
+    time.sleep(0.05)
+table = sutura.tradeoff_times("beam-tension linear", engine="ray")
+print("over:", ray.wait([task], timeout=0)[0] == [task])
+print("taken:", table["made"][0]["cases"])
+ray.shutdown()
+""",
+}
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    ("engine", "said"),
+    [
+        ("dask", r"refused: workers at \S+ have 1 tasks: times are taken where nothing else runs: wait for these"),
+        ("ray", "over: True"),
+    ],
+)
+def test_no_times_are_taken_on_a_worker_with_other_tasks(engine, said, tmp_path):
+    script = tmp_path / "busy.py"
+    script.write_text(BUSY[engine])
+    ran = subprocess.run([sys.executable, "-W", "ignore", str(script)], capture_output=True, text=True, timeout=600)
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    assert re.search(said, ran.stdout) and "taken: ['beam-tension']" in ran.stdout, ran.stdout
 
 
 @pytest.mark.parametrize(

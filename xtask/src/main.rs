@@ -1,5 +1,6 @@
 //! What the project needs besides `cargo build`: tools, firmware images with their gates, all checks.
 
+mod aarch64;
 mod bars;
 mod bench;
 mod book;
@@ -38,7 +39,8 @@ struct Arguments {
 enum Command {
     /// Installs what is missing: the chip's Rust target, QEMU, valgrind, gungraun-runner, cargo-deny, cargo-nextest, mdBook.
     Setup {
-        /// What the long tests need, too: gmsh and scikit-image, in an environment of their own under the target folder.
+        /// What the long tests need, too: gmsh and scikit-image, in an environment of their own under the target folder; a linker and
+        /// an emulator for 64-bit ARM.
         #[arg(long)]
         full: bool,
     },
@@ -122,13 +124,21 @@ A report is what `sutura tradeoff --full` or `sutura fidelity --full` prints wit
     #[command(after_help = "Examples:
   cargo xtask python           its short tests, beside the library that the workspace's tests are built with
   cargo xtask python --full    installs it as a release into a fresh environment, with all extras, and runs all its tests
+  cargo xtask python --cost    what a step costs from Python beyond the same from Rust; fails above 10 us
 
 pip fetches numpy and pytest once; with --full what python/pyproject.toml names as extras.")]
     Python {
         /// As a release in a fresh environment, with the long forms of tests (SUTURA_FULL=1).
         #[arg(long)]
         full: bool,
+        /// No tests, but what a step costs, in pairs: times are for machines with nothing else to do.
+        #[arg(long, conflicts_with = "full")]
+        cost: bool,
     },
+    /// Builds the command for Linux on 64-bit ARM, runs it under an emulator, and compares its console's bits with this machine's.
+    #[command(after_help = "Examples:
+  cargo xtask aarch64    part of `cargo xtask test --full`; installs a linker and qemu-user on Debian")]
+    Aarch64,
     /// Prints what a release brings: its section of CHANGELOG.md.
     #[command(after_help = "Examples:
   cargo xtask notes             of the version that Cargo.toml has, released or not
@@ -218,7 +228,9 @@ fn main() -> ExitCode {
         Command::Scenes { check } => scenes::gated(check),
         Command::Plots { check, from, sheet } => plots::all(check, from.as_deref(), sheet),
         Command::Book { tables } => book::build(tables),
-        Command::Python { full } => python::all(full),
+        Command::Python { cost: true, .. } => python::step_cost(),
+        Command::Python { full, .. } => python::all(full),
+        Command::Aarch64 => aarch64::all(),
         Command::Notes { tag } => notes::print(tag.as_deref()),
         Command::Vendor { check } => vendor::gated(check),
         Command::Fuzz { arguments } => fuzz::run(&arguments),

@@ -1,5 +1,5 @@
 //! `cargo xtask python`: the Python package's tests, in an environment of their own under the target folder. Entry points:
-//! [`all`], and [`test`] once the workspace's tests are built.
+//! [`all`], [`test`] once the workspace's tests are built, and [`step_cost`], whose times no test depends on.
 
 use crate::run::{Tool, root, target};
 use anyhow::{Context, Result};
@@ -29,12 +29,33 @@ pub fn all(full: bool) -> Result<()> {
 /// # Errors
 /// As of [`all`].
 pub fn test(full: bool) -> Result<()> {
-    let folder = target()?.join("python");
     if full {
-        let python = environment(&folder.join("full"), true)?;
+        let python = environment(&target()?.join("python/full"), true)?;
         Tool::new(&pip(&python)).arg(FULL).run()?;
         return pytest(&python).env("SUTURA_FULL", "1").run();
     }
+    let (python, site) = short()?;
+    pytest(&python).env("PYTHONPATH", &site).run()
+}
+
+/// Compares what a step costs from Python with the same from Rust, in pairs, on a slab and on the scene of palpation.
+///
+/// # Errors
+/// If the library cannot be built, or one costs more than its bar.
+pub fn step_cost() -> Result<()> {
+    Tool::new("cargo test --no-run --locked -p sutura-python").run()?;
+    let (python, site) = short()?;
+    let cost = || {
+        let script = format!("{} -B python/examples/step_cost.py", python.display());
+        Tool::new(&script).env("PYTHONPATH", &site)
+    };
+    let slab = cost().run();
+    cost().arg("scenes/palpation.toml").run().and(slab)
+}
+
+/// The short tests' Python, and where the package is laid out for it.
+fn short() -> Result<(PathBuf, PathBuf)> {
+    let folder = target()?.join("python");
     let python = environment(&folder.join("short"), false)?;
     // Installed once: without a network, too, they are there at the next run.
     let has = Tool::new(&format!("{} -c", python.display())).arg("import numpy, pytest");
@@ -47,7 +68,7 @@ pub fn test(full: bool) -> Result<()> {
     }
     let site = folder.join("site");
     lay_out(&site)?;
-    pytest(&python).env("PYTHONPATH", &site).run()
+    Ok((python, site))
 }
 
 /// A virtual environment in a folder, made anew with `fresh`; its Python.

@@ -1,5 +1,6 @@
 //! `cargo xtask setup`: what the checks need and a fresh machine lacks. Entry point: [`all`].
 
+use crate::aarch64;
 use crate::locks;
 use crate::mesher;
 use crate::run::{Tool, is_there};
@@ -29,6 +30,7 @@ pub fn all(full: bool) -> Result<()> {
     instruction_counter()?;
     if full {
         mesher::ensure()?;
+        aarch64::ensure()?;
     }
     cargo_command("deny", "dependency checks")?;
     cargo_command("nextest", "test runner")

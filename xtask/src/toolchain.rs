@@ -25,12 +25,7 @@ const DEBIAN_RUSTC: &str = "/usr/bin/rustc";
 impl Toolchain {
     /// Finds a compiler for the chip, installing one if need be; says so only if it had to.
     pub fn ensure() -> Result<Self> {
-        if has_target() {
-            return Ok(Self::Target);
-        }
-        eprintln!("installing the Rust target {TARGET}: rustup target add {TARGET}");
-        let added = Tool::new("rustup target add").arg(TARGET).run();
-        if added.is_ok() && has_target() {
+        if add_target(TARGET) {
             return Ok(Self::Target);
         }
         eprintln!(
@@ -105,9 +100,19 @@ pub fn host() -> Result<String> {
     Ok(host.context("`rustc -vV` names no host")?.to_owned())
 }
 
-fn has_target() -> bool {
+/// Has rustup install a target if it is not there; whether it is there now.
+pub fn add_target(target: &str) -> bool {
+    if has_target(target) {
+        return true;
+    }
+    eprintln!("installing the Rust target {target}: rustup target add {target}");
+    let added = Tool::new("rustup target add").arg(target).run();
+    added.is_ok() && has_target(target)
+}
+
+fn has_target(target: &str) -> bool {
     let libdir = Tool::new("rustc --print target-libdir --target")
-        .arg(TARGET)
+        .arg(target)
         .output();
     let Ok(entries) = libdir.and_then(|path| Ok(std::fs::read_dir(path.trim())?)) else {
         return false;

@@ -11,7 +11,7 @@ pub use seeds::Cases;
 
 use crate::run::{Beside, Tool, target};
 use crate::toolchain::{Toolchain, host};
-use crate::{Format, bench, book, firmware, locks, python, setup};
+use crate::{Format, aarch64, bench, book, firmware, locks, python, setup};
 use anyhow::{Context, Result, bail};
 use report::{Kind, Report};
 
@@ -165,6 +165,14 @@ fn steps(report: &mut Report, cases: Cases) {
     report.step(Kind::Tests, "python package", again, |_| {
         python::test(cases.full)
     });
+    if cases.full {
+        report.step(
+            Kind::Tests,
+            "64-bit ARM, emulated",
+            "cargo xtask aarch64",
+            |_| aarch64::compare(),
+        );
+    }
     report.step(
         Kind::Tests,
         "solver instructions",
