@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 import pytest
+from conftest import ROOT
 
 import sutura
 
@@ -96,6 +97,32 @@ def test_a_wrong_argument_is_named_and_nothing_moves(solver, arguments, named, s
     with pytest.raises((ValueError, TypeError, KeyError), match=said):
         solver.step(*arguments, **named)
     assert solver.hash() == before
+
+
+def test_needle_and_thread_are_told_with_their_lines():
+    solver = sutura.Solver(sutura.load(ROOT / "scenes/needle-slabs.toml"))
+    # 40 mm long, its end in the grip; the upper slab lies from 4 to 12 mm.
+    for end_m in np.arange(0.060, 0.0465, -0.0005):
+        step = solver.step([0.0011, 0.0007, end_m], most_steps=20)
+        assert step.has_balance
+    (needle,) = step.needles
+    assert (needle.tip, needle.punctures, needle.held_by) == ("inside", 1, 0)
+    # 25 N/m over 5 mm, and what cuts on.
+    assert -0.5 < needle.axial_n < -0.1
+    assert step.wrench()[2] == pytest.approx(-needle.axial_n, rel=0.05)
+    path_m = solver.needle_path_m(0)
+    assert path_m[:, 2].max() - path_m[:, 2].min() == pytest.approx(0.04, rel=1e-3)
+    with pytest.raises(KeyError, match="no needle has the id 1: the scene's needles are"):
+        solver.needle_path_m(1)
+
+    solver = sutura.Solver(sutura.load(ROOT / "scenes/thread-over-shaft.toml"))
+    step = solver.step([-0.0225, 0.0007, -0.006], most_steps=20)
+    (thread,) = step.threads
+    assert (thread.id, thread.punctures, thread.taut, thread.broken_off_m) == (0, 0, False, None)
+    # From where its tail is held to the needle's end, without tension.
+    ((at_m, tension_n),) = solver.thread_path(0)
+    assert at_m == pytest.approx(np.array([[-0.045, 0.0007, 0.012], [0.0013, 0.0007, 0.032]]))
+    assert not tension_n.any()
 
 
 def test_another_tool_goes_where_it_is_put(slab):

@@ -59,12 +59,15 @@ pub fn all() -> Result<()> {
     compare()
 }
 
-/// Builds the command for it, and compares sessions.
+/// Builds the command for it, without what is optional, and compares sessions.
 ///
 /// # Errors
 /// If it cannot be built or run, or its console has other bits.
 pub fn compare() -> Result<()> {
-    let build = Tool::new("cargo build --locked -p sutura --target").arg(TARGET);
+    let build = Tool::new(
+        "cargo build --locked -p sutura --no-default-features --target",
+    )
+    .arg(TARGET);
     build
         .env("CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER", LINKER)
         .run()?;
