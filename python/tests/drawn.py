@@ -235,8 +235,8 @@ class Draw:
         else:
             for tool in self.scene["tool"]:
                 tool.pop("friction", None), tool.pop("static_friction", None)
-        if "settle" in self.scene and not others:
-            # Without others that are brought to it the tissue may begin as the mesh has it.
+        if "settle" in self.scene and not others and "handle" not in self.scene:
+            # Where nothing is brought to it the tissue may begin as the mesh has it.
             self.scene["settle"] = self.chance(0.5)
         x_m = 0.5 * self.scene["mesh"]["scale_to_m"] if "file" in self.scene["mesh"] else 0.001
         reach_m = driven.get("radius_m", 0.0) if driven.get("shape", "sphere") in ("sphere", "capsule") else 0.0
