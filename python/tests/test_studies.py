@@ -156,7 +156,7 @@ from dask.distributed import Client, Event, LocalCluster
 
 if __name__ == "__main__":
     with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
-        task = client.submit(lambda: Event("go on").wait(), pure=False)
+        task = client.submit(lambda: Event("go on").wait(timeout="30s"), pure=False)
         while not any(client.processing().values()):
             time.sleep(0.05)
         try:
@@ -170,18 +170,33 @@ if __name__ == "__main__":
 """,
     # Not begun before it is over.
     "ray": """
+import pathlib
+import sys
+import threading
 import time
 import ray
 import sutura
 
 ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False)
-free = ray.available_resources()["CPU"]
-task = ray.remote(lambda: time.sleep(10)).remote()
-while ray.available_resources().get("CPU") == free:
+go_on = pathlib.Path(sys.argv[1])
+
+def wait():
+    while not go_on.exists():
+        time.sleep(0.05)
+
+# A worker that has begun once is there at once.
+list(sutura.sweep(sutura.tradeoff_tasks("beam-tension"), "ray"))
+task = ray.remote(wait).remote()
+while ray.available_resources().get("CPU") == 2.0:
     time.sleep(0.05)
-table = sutura.tradeoff_times("beam-tension linear", engine="ray")
-print("over:", ray.wait([task], timeout=0)[0] == [task])
-print("taken:", table["made"][0]["cases"])
+tables = []
+times = threading.Thread(target=lambda: tables.append(sutura.tradeoff_times("beam-tension linear", engine="ray")))
+times.start()
+times.join(timeout=20)
+print("waits:", not tables)
+go_on.touch()
+times.join()
+print("taken:", tables[0]["made"][0]["cases"])
 ray.shutdown()
 """,
 }
@@ -192,13 +207,13 @@ ray.shutdown()
     ("engine", "said"),
     [
         ("dask", r"refused: workers at \S+ have 1 tasks: times are taken where nothing else runs: wait for these"),
-        ("ray", "over: True"),
+        ("ray", "waits: True"),
     ],
 )
 def test_no_times_are_taken_on_a_worker_with_other_tasks(engine, said, tmp_path):
     script = tmp_path / "busy.py"
     script.write_text(BUSY[engine])
-    ran = subprocess.run([sys.executable, "-W", "ignore", str(script)], capture_output=True, text=True, timeout=600)
+    ran = subprocess.run([sys.executable, "-W", "ignore", str(script), str(tmp_path / "go on")], capture_output=True, text=True, timeout=600)
     assert ran.returncode == 0, ran.stdout + ran.stderr
     assert re.search(said, ran.stdout) and "taken: ['beam-tension']" in ran.stdout, ran.stdout
 
