@@ -64,10 +64,8 @@ pub fn all() -> Result<()> {
 /// # Errors
 /// If it cannot be built or run, or its console has other bits.
 pub fn compare() -> Result<()> {
-    let build = Tool::new(
-        "cargo build --locked -p sutura --no-default-features --target",
-    )
-    .arg(TARGET);
+    let build =
+        Tool::new("cargo build --locked -p sutura --no-default-features --target").arg(TARGET);
     build
         .env("CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER", LINKER)
         .run()?;
