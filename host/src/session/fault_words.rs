@@ -1,11 +1,19 @@
 //! What latched faults mean, and what to do about each.
 //!
-//! Entry point: [`fault_words`].
+//! Entry points: [`fault_names`], [`fault_words`].
 
 use sutura_shared::wire::faults::{
-    AMPLIFIER, BOARD, E_STOP, ENCODER_JUMP, NOT_FINITE, OUT_OF_REACH, OVERRUN, OVERSPEED, SUPPLY,
-    TIME_BASE,
+    AMPLIFIER, BOARD, E_STOP, ENCODER_JUMP, NAMES, NOT_FINITE, OUT_OF_REACH, OVERRUN, OVERSPEED,
+    SUPPLY, TIME_BASE, names,
 };
+
+/// Names of the faults that are set, in the order of the bits, and behind them the bits that this host does not know, as a number: `0x400`.
+pub fn fault_names(bits: u16) -> Vec<String> {
+    let known = NAMES.iter().fold(0, |all, (bit, _)| all | bit);
+    let unknown = Some(bits & !known).filter(|bits| *bits != 0);
+    let number = unknown.map(|bits| format!("{bits:#x}"));
+    names(bits).map(str::to_owned).chain(number).collect()
+}
 
 /// What a fault is, in a sentence, and what to do: of one bit of the wire's.
 pub fn fault_words(bit: u16) -> (&'static str, &'static str) {
@@ -61,12 +69,20 @@ pub fn fault_words(bit: u16) -> (&'static str, &'static str) {
 mod tests {
     use super::*;
     use std::collections::BTreeSet;
-    use sutura_shared::wire::faults::NAMES;
 
     #[test]
     fn every_fault_has_words_of_its_own() {
         let words: BTreeSet<_> = NAMES.iter().map(|(bit, _)| fault_words(*bit)).collect();
         assert_eq!(words.len(), NAMES.len());
         assert!(!words.contains(&fault_words(1 << 15)));
+    }
+
+    /// A newer console's fault is never a fault without a name.
+    #[test]
+    fn bits_without_a_name_are_a_number() {
+        assert_eq!(fault_names(0), [""; 0]);
+        assert_eq!(fault_names(E_STOP | SUPPLY), ["e_stop", "supply"]);
+        assert_eq!(fault_names(1 << 10), ["0x400"]);
+        assert_eq!(fault_names(BOARD | 0xC000), ["board", "0xc000"]);
     }
 }

@@ -38,7 +38,7 @@ pub use budget::{LINE_BYTES_PER_S, most_rows, usb_bytes_per_s};
 pub use chosen::{Candidate, Chosen, StepUs};
 pub use contact_frame::{contact_frame, pack_symmetric};
 pub use error::SolveError;
-pub use fault_words::fault_words;
+pub use fault_words::{fault_names, fault_words};
 pub use heard::{Fate, Underway};
 pub use horizon::Horizon;
 pub use lockstep::{Steer, Steered, run_lockstep, run_steered};

@@ -4,6 +4,7 @@
 //! one is also told which device it is and what its hand does.
 
 use super::budget::{most_rows, usb_bytes_per_s};
+use super::fault_names;
 use super::horizon::LONGEST_US;
 use crate::link::{LinkError, Order};
 use crate::scene::{Rendering, Scene, SceneError, built_in_device};
@@ -12,7 +13,6 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use sutura_shared::control::TICK_HZ;
 use sutura_shared::device::DeviceDescription;
-use sutura_shared::wire::faults;
 use sutura_shared::wire::message::{Command, Fixture, HandScript, Hello, Mode, Simulate, State};
 use sutura_shared::wire::validate::name;
 
@@ -312,7 +312,7 @@ impl ArmingWatch {
             // What was latched before needs a moment to be cleared.
             Mode::Fault if !self.clear_fault || waited_ms >= u64::from(ARM_AGAIN_MS) => {
                 Err(SessionError::Fault {
-                    faults: faults::names(state.faults).map(str::to_owned).collect(),
+                    faults: fault_names(state.faults),
                 })
             }
             mode if waited_ms >= u64::from(ARM_WITHIN_MS) => Err(SessionError::NotArmed {

@@ -6,6 +6,7 @@
 //! on the hand held over one tick and dx the grip's motion in it; positive when the hand did the work.
 
 use super::Solved;
+use super::fault_names;
 use super::heard::Fate;
 use super::horizon::Horizon;
 use super::overload::GivenUp;
@@ -16,8 +17,8 @@ use crate::times::Times;
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 use sutura_shared::control::TICK_HZ;
+use sutura_shared::wire::inputs;
 use sutura_shared::wire::message::{Contact, Mode, Report, State};
-use sutura_shared::wire::{faults, inputs};
 
 /// Everything that a session remembers of itself.
 #[derive(Debug)]
@@ -422,9 +423,7 @@ impl Statistics {
         let steps = self.steps_ns.count();
         let seconds = self.ticks() as f64 / f64::from(tick_hz);
         let mode = self.last.map_or(Mode::Boot, |state| state.mode);
-        let faults: Vec<String> = faults::names(self.last.map_or(0, |s| s.faults))
-            .map(str::to_owned)
-            .collect();
+        let faults = fault_names(self.last.map_or(0, |state| state.faults));
         let console = self.counted();
         let frames = Frames {
             sent: u64::from(link.frames.frames_sent),

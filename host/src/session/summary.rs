@@ -144,7 +144,7 @@ pub struct Summary {
     pub ticks_late: u64,
     /// Control mode at the end.
     pub mode: String,
-    /// Faults latched at the end.
+    /// Faults latched at the end; bits that this program does not know as one number, `0x400`.
     pub faults: Vec<String>,
     /// Solver steps a second that the session aimed at \[Hz\].
     pub host_hz: f64,

@@ -7,7 +7,7 @@ use serde_json::Value;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 use sutura_host::picture::Read;
-use sutura_shared::wire::faults;
+use sutura_host::session::fault_names;
 
 /// How far back the force is kept \[s\].
 pub const KEPT_S: f64 = 30.0;
@@ -196,7 +196,7 @@ impl Figures {
                 .collect()
         };
         let names = match self.tick {
-            Some((_, _, bits)) => faults::names(bits).map(str::to_owned).collect(),
+            Some((_, _, bits)) => fault_names(bits),
             None => said(&self.hello["faults"]),
         };
         let word = |name: &str, key: &str| {
@@ -343,6 +343,7 @@ impl Figures {
 pub fn example(now: Instant) -> Figures {
     use serde_json::json;
     use sutura_host::picture::{TickRow, encode_ticks};
+    use sutura_shared::wire::faults;
     use sutura_shared::wire::message::{Mode, State};
     let mut figures = Figures::new(now);
     let fixes = faults::NAMES.iter().map(|(bit, name)| {
