@@ -219,6 +219,9 @@ fn a_sandbox_does_what_its_page_asks_for() {
     client.binary(3);
     client.binary(4);
     client.text(|value| value["kind"] == "gauges" && value["mode"] == "armed");
+    // The scene's bench has no board that would say what it takes; it is sent rows where the hand presses.
+    assert!(hello["board_rows_hz"].is_null());
+    client.text(|value| value["kind"] == "gauges" && value["rows_hz"].as_f64() > Some(0.0));
 
     // Time stands still, and goes on by so much.
     client.does(json!({"do": "pause"}));

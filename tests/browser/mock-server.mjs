@@ -162,7 +162,7 @@ class Mock {
       : ['scalar', 'safe_stop', 'arm', 'clear_fault', 'pause', 'resume', 'step', 'speed', 'reset', 'scene', 'tissue', 'set', 'drag', 'hand', 'record', 'save_last', 'take_control'];
     return {
       kind: 'hello', format: 1, version: '0.0.0', session: this.session, source: this.recording ? 'recording' : 'live', pace: 'lockstep',
-      scene: this.name, tissue: 'linear', rendering: 'rows', device: 'cartesian-bench', console: 'virtual', tick_hz: 1000, host_hz: 250, horizon_ms: 20,
+      scene: this.name, tissue: 'linear', rendering: 'rows', device: 'cartesian-bench', console: 'virtual', tick_hz: 1000, host_hz: 250, board_rows_hz: 200, horizon_ms: 20,
       nodes: 3969, cells: 16000, bounds_m: this.scene.bounds, role: client === this.controller ? 'control' : 'watch', motors: client.motors ?? false, do: can,
       mode: this.mode, faults: this.faults, stages: STAGES, statuses: ['ok', 'not-finite'], scalars: SCALARS, tools: this.scene.tools,
       needles: this.scene.needles, threads: this.scene.threads, settings: this.settings, scenes: ['slab', 'tube'], tissues: ['linear', 'corotational'],
@@ -282,7 +282,7 @@ class Mock {
       kind: 'gauges', session: this.session, time_s: this.time, tick: this.tick, mode: this.mode, faults: this.faults,
       latency_us: { now: both, all: both }, age_us: { now: { p50: 5500, p99: 7000 }, all: both }, step_us: { now: { p50: 380, p99: 450 }, all: { p50: 380, p99: 470 } },
       rtt_us: { now: { p50: 900, p99: 1200 }, all: both }, ticks_late: 0, tick_overruns: 0, frames: { lost: 0, rejected: 0, late: 0, superseded: 3 },
-      withheld: { waiting: 3 }, energy_j: 0.0012, energy_min_j: -1e-5, force_n: Math.hypot(...this.force), host_hz: 249.6, speed: this.paused ? 0 : 0.99, paused: this.paused,
+      withheld: { waiting: 3 }, energy_j: 0.0012, energy_min_j: -1e-5, force_n: Math.hypot(...this.force), host_hz: 249.6, rows_hz: 190.4, speed: this.paused ? 0 : 0.99, paused: this.paused,
       wanted_speed: this.speed, recording: this.recorded, pictures: { wanted: 100, made: 99, sent: 98 }, picture_hz: 30, picture_us: 900, clients: this.clients.size,
       controller: this.controller === client, connected: this.connected,
     };

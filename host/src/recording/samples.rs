@@ -25,6 +25,9 @@ pub struct SolveSample {
     pub gap_m: Option<f64>,
     /// Vertices that the tool touches.
     pub rows: u32,
+    /// Rows that the console was sent with the contact; 0: the tangent alone.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub console_rows: u32,
     /// Wall-clock time of the solve \[us\]; 0 in lockstep, where two recordings are to be the same.
     pub step_us: f64,
     /// Compliance columns that came from their thread since the last solve: step and vertex.
@@ -81,6 +84,10 @@ impl SolveSample {
                 // JSON has no such number for nowhere.
                 .filter(|gap_m| *gap_m < 1e3),
             rows: solved.contact.map_or(0, |contact| contact.rows),
+            console_rows: solved
+                .contact
+                .and(solved.rows.as_ref())
+                .map_or(0, |rows| rows.count as u32),
             step_us: 0.0,
             arrivals: arrivals
                 .iter()

@@ -7,11 +7,13 @@ import { fixed } from './units.js';
  * @param {import('./link.js').Gauges} gauges
  * @param {import('./decode.js').Picture['status'] | undefined} status of the picture that is shown
  * @param {string[]} statuses the solver's words
+ * @param {number | null | undefined} boardRowsHz frames of 24 rows a second that the console's board has time for [Hz]
  * @returns {[string, string][]}
  */
-export function counters(gauges, status, statuses) {
+export function counters(gauges, status, statuses, boardRowsHz) {
   const whole = (/** @type {number | null | undefined} */ value) => (value?.toLocaleString('en') ?? '–');
   const ms = (/** @type {import('./link.js').Percentiles | undefined} */ both) => (both ? `${fixed(both.p50 / 1000, 2)} / ${fixed(both.p99 / 1000, 2)} ms` : '–');
+  const hz = (/** @type {number | null | undefined} */ value) => (Number.isFinite(value) ? `${fixed(value, 0)} Hz` : '–');
   const withheld = Object.entries(gauges.withheld).filter(([, count]) => count > 0);
   return [
     ['Solver', status ? (statuses[status.word] ?? '–') : '–'],
@@ -27,6 +29,7 @@ export function counters(gauges, status, statuses) {
     ['Least energy', gauges.energy_min_j === null ? '–' : `${fixed(1000 * gauges.energy_min_j, 3)} mJ`],
     ['Ticks late', whole(gauges.ticks_late)],
     ['Tick overruns', whole(gauges.tick_overruns)],
+    ['Frames of rows, sent / board takes', `${hz(gauges.rows_hz)} / ${hz(boardRowsHz)}`],
     ['Frames lost', whole(gauges.frames.lost)],
     ['Frames rejected', whole(gauges.frames.rejected)],
     ['Frames too late', whole(gauges.frames.late)],

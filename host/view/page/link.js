@@ -28,6 +28,7 @@ import { FORMAT, decode } from './decode.js';
  * @property {string} console
  * @property {number} tick_hz
  * @property {number} host_hz
+ * @property {number | null} [board_rows_hz]
  * @property {number | null} horizon_ms
  * @property {number} nodes
  * @property {number} cells
@@ -69,6 +70,7 @@ import { FORMAT, decode } from './decode.js';
  * @property {number | null} energy_min_j
  * @property {number | null} force_n
  * @property {number | null} host_hz
+ * @property {number | null} [rows_hz]
  * @property {number | null} speed
  * @property {boolean} paused
  * @property {number} wanted_speed

@@ -257,7 +257,7 @@ class Page {
     this.timeLine.setPaused(gauges.paused);
     this.panel.showRecording(gauges.recording === true);
     this.notices.setGauges(gauges);
-    this.panel.showCounters(counters(gauges, this.picture?.status, this.hello?.statuses ?? []));
+    this.panel.showCounters(counters(gauges, this.picture?.status, this.hello?.statuses ?? [], this.hello?.board_rows_hz));
   }
 
   /** @param {import('./link.js').SessionEvent} event */

@@ -169,6 +169,7 @@ fn solves() -> Vec<SolveRow> {
         wrench,
         gap_m,
         rows: 4,
+        console_rows: 4,
         step_us: 812.5,
         arrivals: Vec::new(),
         looked: Default::default(),

@@ -61,6 +61,8 @@ export const tests = [
     near(newest, host.mock.time, 0.001, 'newest time of the page against the host\'s [s]');
     check(/^\d+\.\d ms$/.test(age) && bar === '250 Hz', `top bar: ${age}, ${bar}`);
     near(stack, 1, 1e-5, 'stages and rest over the step');
+    await choose(page, 'Counters');
+    await until(page, () => [...document.querySelectorAll('tr')].some((row) => row.textContent === 'Frames of rows, sent / board takes190 Hz / 200 Hz'));
     await shot('plots');
   })],
 

@@ -6,9 +6,8 @@ use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::time::Instant;
 use sutura_host::recording::SolveSample;
-use sutura_host::session::{LinkSummary, RoundTrip, mode_word};
+use sutura_host::session::{LinkSummary, RoundTrip, fault_names, mode_word};
 use sutura_host::times::Times;
-use sutura_shared::wire::faults;
 use sutura_shared::wire::message::{Mode, Report, State};
 
 /// Longest time that percentiles tell apart \[us\].
@@ -69,6 +68,7 @@ pub fn schema() -> Value {
         "energy_min_j",
         "force_n",
         "host_hz",
+        "rows_hz",
         "speed",
         "wanted_speed",
         "picture_hz",
@@ -128,8 +128,9 @@ pub struct Gauges {
     /// Of the newest state \[s\], and when figures were said last: on the wall, then.
     time_s: f64,
     said: (Instant, f64),
-    /// Solves since then.
+    /// Solves since then, and those of which the console was sent rows.
     solves: u64,
+    with_rows: u64,
 }
 
 impl Gauges {
@@ -148,6 +149,7 @@ impl Gauges {
             time_s: 0.0,
             said: (Instant::now(), 0.0),
             solves: 0,
+            with_rows: 0,
         }
     }
 
@@ -175,6 +177,7 @@ impl Gauges {
     /// Takes note of a solve.
     pub fn solve(&mut self, sample: &SolveSample) {
         self.solves += 1;
+        self.with_rows += u64::from(sample.console_rows > 0);
         self.all_solves += 1;
         if !sample.stages_us.is_empty() {
             let (count, step_us, stages_us) = &mut self.staged;
@@ -222,6 +225,8 @@ impl Gauges {
         let wall_s = then.elapsed().as_secs_f64();
         let passed_s = self.time_s - before_s;
         let solves = std::mem::take(&mut self.solves);
+        let with_rows = std::mem::take(&mut self.with_rows);
+        let a_second = |count: u64| (passed_s > 0.0).then(|| count as f64 / passed_s);
         let state = self.last.as_ref();
         let force_n = state.map_or(0.0, |state| {
             state
@@ -236,7 +241,7 @@ impl Gauges {
             "time_s": self.time_s,
             "tick": state.map_or(0, |state| state.tick),
             "mode": state.map_or("boot", |state| mode_word(state.mode)),
-            "faults": faults::names(state.map_or(0, |state| state.faults)).collect::<Vec<_>>(),
+            "faults": fault_names(state.map_or(0, |state| state.faults)),
             "latency_us": self.latency.said(),
             "age_us": self.age.said(),
             "step_us": self.step.said(),
@@ -257,12 +262,42 @@ impl Gauges {
             "energy_j": self.energy_j,
             "energy_min_j": self.energy_min_j,
             "force_n": force_n,
-            "host_hz": if passed_s > 0.0 { Some(solves as f64 / passed_s) } else { None },
+            "host_hz": a_second(solves),
+            "rows_hz": a_second(with_rows),
             "speed": if wall_s > 0.0 { passed_s / wall_s } else { 0.0 },
         });
         match said {
             Value::Object(said) => said,
             _ => Map::new(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sutura_shared::console_endpoint::Sample;
+
+    /// Ten solves in a tenth of a second, of which four had rows for the console; then none, and then time that stands still.
+    #[test]
+    fn solves_and_rows_are_counted_a_second_by_the_consoles_time() {
+        let mut gauges = Gauges::new();
+        let mut after = |time_s: f64, solves: u32| {
+            for solve in 0..solves {
+                let sample = json!({
+                    "console_time_us": 0, "status": "ok", "state_hash": "", "wrench": null, "gap_m": null, "rows": 3, "step_us": 1.0,
+                    "console_rows": if solve < 4 { 12 } else { 0 },
+                });
+                gauges.solve(&serde_json::from_value(sample).expect("a solve"));
+            }
+            gauges.state(time_s, &Sample::BEFORE_THE_FIRST.state);
+            let said = gauges.said(None, None);
+            let rate = |key: &str| said[key].as_f64().map(f64::round);
+            (rate("host_hz"), rate("rows_hz"))
+        };
+        assert_eq!(after(0.1, 10), (Some(100.0), Some(40.0)));
+        assert_eq!(after(0.2, 0), (Some(0.0), Some(0.0)));
+        assert_eq!(after(0.2, 2), (None, None));
+        assert_eq!(after(0.3, 1), (Some(10.0), Some(10.0)));
     }
 }

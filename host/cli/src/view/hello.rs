@@ -70,6 +70,7 @@ pub fn hello(scene: &Scene, plan: &Plan, kind: &Kind<'_>) -> Map<String, Value> 
         "console": kind.console,
         "tick_hz": plan.tick_hz,
         "host_hz": plan.host_hz,
+        "board_rows_hz": scene.device.and_then(|device| device.board_rows_hz),
         "horizon_ms": plan.horizon_us.map(|us| 1e-3 * f64::from(us)),
         "nodes": points.len(),
         "cells": scene.mesh.cells().len(),
