@@ -16,6 +16,7 @@ mod cli_stability;
 mod cli_tradeoff;
 #[cfg(all(target_os = "linux", feature = "view"))]
 mod desktop;
+mod earlier_version;
 mod fault_scenarios;
 mod files;
 mod flash;
