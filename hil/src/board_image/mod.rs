@@ -399,7 +399,11 @@ impl BoardImage {
         Ok(())
     }
 
-    fn is_unmasked(&mut self, number: u8) -> Result<bool, BoardImageError> {
+    /// Whether the image lets an interrupt in.
+    ///
+    /// # Errors
+    /// [`BoardImageError`].
+    pub fn is_unmasked(&mut self, number: u8) -> Result<bool, BoardImageError> {
         let register = NVIC_ISER + 4 * (u32::from(number) / 32);
         let word = self.processor.connection.word(register)?;
         Ok(word & 1 << (number % 32) != 0)

@@ -133,6 +133,27 @@ pub(super) fn a_chip_without_brown_out_level_3_says_so_at_every_start(on: On) {
     }
 }
 
+on_each_board!(clocks_a_tenth_apart_are_told_of_and_clocks_a_little_apart_are_not);
+/// More than 5 % in a hundred ticks, either way, is a line of the log every hundred ticks, and no fault.
+fn clocks_a_tenth_apart_are_told_of_and_clocks_a_little_apart_are_not(on: On) {
+    let words = words(on);
+    let mut lines = words.lines();
+    let mut bench = Bench::start(on);
+    let mut hundred = |bench: &mut Bench| {
+        bench.tick();
+        while bench.board.ticks() % 100 != 0 {
+            assert_eq!(bench.tick().faults, 0);
+        }
+        lines.of(&bench.board.take_log().unwrap())
+    };
+    hundred(&mut bench);
+    for (percent, told) in [(104, 0), (110, 1), (90, 1), (96, 0)] {
+        bench.board.chip().lines.systick_per_tick = 210 * percent;
+        let line = format!("SysTick has run at {percent} % of the tick timer");
+        assert_eq!(texts(&hundred(&mut bench)), vec![line.as_str(); told]);
+    }
+}
+
 /// Of `1.002000` seconds.
 fn microseconds(time: &str) -> u64 {
     let (seconds, rest) = time.split_once('.').unwrap_or((time, "0"));

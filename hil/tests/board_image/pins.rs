@@ -125,6 +125,18 @@ fn the_break_input_is_on_active_low_and_locked(on: On) {
     );
 }
 
+on_each_board!(no_interrupt_is_let_in_but_those_of_the_boards_own_tasks);
+/// The framework lets in those of all boards, the emulator's serial port among them, whose pins lie open here.
+fn no_interrupt_is_let_in_but_those_of_the_boards_own_tasks(on: On) {
+    // RM0090, 12.1.3: window watchdog, supply, telemetry's, TIM8's break, TIM7, USB.
+    const OWN: [u8; 6] = [0, 1, 6, 43, 55, 67];
+    let mut board = on.start();
+    let let_in: Vec<u8> = (0..96)
+        .filter(|number| board.is_unmasked(*number).unwrap())
+        .collect();
+    assert_eq!(let_in, OWN);
+}
+
 on_each_board!(the_supply_is_watched_at_the_level_that_the_flash_needs);
 /// Level 5, below 2.76 to 2.90 V: five wait states at 168 MHz need 2.7 V.
 pub(super) fn the_supply_is_watched_at_the_level_that_the_flash_needs(on: On) {
