@@ -141,7 +141,7 @@ fn clocks_a_tenth_apart_are_told_of_and_clocks_a_little_apart_are_not(on: On) {
     let mut bench = Bench::start(on);
     let mut hundred = |bench: &mut Bench| {
         bench.tick();
-        while bench.board.ticks() % 100 != 0 {
+        while !bench.board.ticks().is_multiple_of(100) {
             assert_eq!(bench.tick().faults, 0);
         }
         lines.of(&bench.board.take_log().unwrap())

@@ -4,7 +4,8 @@
 //! before it, which falls where friction rises; a grip bounds the tension at its end, which is friction away from that at the tail.
 //! Bounds that are those of the last solve's tensions swing from solve to solve where such a product exceeds 1. Here the thread's own rows
 //! are solved with bounds that follow, all other rows as they pushed last: a semismooth Newton method over what sticks and what slides
-//! either way (Alart & Curnier 1991). The next solve of all rows begins with bounds that hold for what it will find.
+//! either way (Alart & Curnier 1991). The next solve of all rows begins with bounds that hold for what it will find. In a balance that takes
+//! long all portions of a thread are looked at together, with all other rows that act condensed out.
 
 use super::model::ThreadPart;
 use super::segments::Segment;
