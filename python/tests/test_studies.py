@@ -230,6 +230,8 @@ def test_ctrl_c_leaves_the_lines_by_then(call, status):
     # In a process of its own: the signal is of the whole process.
     script = f"""
 import os, signal, sutura
+# Who starts tests in the background may have had it ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 lines = []
 def each(line):
     lines.append(line)
