@@ -4,8 +4,8 @@
 //! The console's ticks are the same to the bit: a recording of one replays on the other. The solver's steps are not, as its kernels go
 //! by the processor's instructions: their wrenches agree to [`TOLERANCE`].
 
-use crate::run::{Tool, is_there, target};
-use crate::toolchain::{add_target, apt_install};
+use crate::run::{Tool, target};
+use crate::toolchain::{add_target, apt_install_missing};
 use anyhow::{Context, Result, bail, ensure};
 use serde_json::Value;
 use std::path::Path;
@@ -32,18 +32,12 @@ pub fn ensure() -> Result<()> {
     if !add_target(TARGET) {
         bail!("there is no Rust for {TARGET}: run `rustup target add {TARGET}` while online");
     }
-    let missing: Vec<_> = [
+    apt_install_missing(&[
         (LINKER, "gcc-aarch64-linux-gnu"),
         (LINKER, "libc6-dev-arm64-cross"),
         (EMULATOR, "qemu-user"),
-    ]
-    .into_iter()
-    .filter(|(program, _)| !is_there(program))
-    .map(|(_, package)| package)
-    .collect();
-    if !missing.is_empty() {
-        apt_install(&missing).context("64-bit ARM needs a linker and an emulator")?;
-    }
+    ])
+    .context("64-bit ARM needs a linker and an emulator")?;
     let version = Tool::new(EMULATOR).arg("--version").output()?;
     eprintln!("64-bit ARM: {}", version.lines().next().unwrap_or_default());
     Ok(())

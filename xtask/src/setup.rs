@@ -3,8 +3,8 @@
 use crate::aarch64;
 use crate::locks;
 use crate::mesher;
-use crate::run::{Tool, is_there};
-use crate::toolchain::{Toolchain, apt_install};
+use crate::run::Tool;
+use crate::toolchain::{Toolchain, apt_install_missing};
 use anyhow::{Context, Result};
 
 /// The emulator's program.
@@ -38,10 +38,9 @@ pub fn all(full: bool) -> Result<()> {
 
 /// Valgrind, and the runner of the instruction counts.
 pub fn instruction_counter() -> Result<()> {
-    if !is_there(VALGRIND) {
-        // Without the debug symbols of the C library valgrind cannot redirect its calls.
-        apt_install(&[VALGRIND, "libc6-dbg"]).context("valgrind is missing")?;
-    }
+    // Without the debug symbols of the C library valgrind cannot redirect its calls.
+    apt_install_missing(&[(VALGRIND, VALGRIND), (VALGRIND, "libc6-dbg")])
+        .context("valgrind is missing")?;
     let wanted = locks::version("gungraun")?;
     let version = || Tool::new(RUNNER).arg("--version").output();
     let is_right = |text: &String| text.trim().ends_with(&format!(" {wanted}"));
@@ -76,9 +75,7 @@ fn rustup_components() -> Result<()> {
 
 /// The emulator.
 pub fn qemu() -> Result<()> {
-    if !is_there(QEMU) {
-        apt_install(&[QEMU]).context("QEMU is missing")?;
-    }
+    apt_install_missing(&[(QEMU, QEMU)]).context("QEMU is missing")?;
     let version = Tool::new(QEMU).arg("--version").output()?;
     eprintln!("emulator: {}", version.lines().next().unwrap_or_default());
     Ok(())
@@ -87,14 +84,8 @@ pub fn qemu() -> Result<()> {
 /// What the live page is tested in, and with.
 fn browser() -> Result<()> {
     const BROWSER: &str = "chromium";
-    let missing: Vec<_> = [("node", "nodejs"), ("npm", "npm"), (BROWSER, BROWSER)]
-        .into_iter()
-        .filter(|(program, _)| !is_there(program))
-        .map(|(_, package)| package)
-        .collect();
-    if !missing.is_empty() {
-        apt_install(&missing).context("the page's tests need a browser and node")?;
-    }
+    apt_install_missing(&[("node", "nodejs"), ("npm", "npm"), (BROWSER, BROWSER)])
+        .context("the page's tests need a browser and node")?;
     Tool::new("npm ci --ignore-scripts --no-audit --no-fund --silent --prefix tests/browser")
         .run()
         .context("the packages of the page's tests are missing")?;

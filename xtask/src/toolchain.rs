@@ -1,7 +1,7 @@
 //! A compiler for the chip: the rustup toolchain's own target, or Debian's compiler with the core library
 //! built from source. Entry point: [`Toolchain::ensure`].
 
-use crate::run::Tool;
+use crate::run::{Tool, is_there};
 use anyhow::{Context, Result, bail};
 use std::path::{Path, PathBuf};
 
@@ -134,6 +134,19 @@ fn debian_is_there() -> bool {
     })
 }
 
+/// Installs the Debian packages of those programs that are not there.
+///
+/// # Errors
+/// As of [`apt_install`].
+pub fn apt_install_missing(programs: &[(&str, &str)]) -> Result<()> {
+    let missing = programs.iter().filter(|(program, _)| !is_there(program));
+    let packages: Vec<_> = missing.map(|(_, package)| *package).collect();
+    match packages.is_empty() {
+        true => Ok(()),
+        false => apt_install(&packages),
+    }
+}
+
 /// Installs Debian packages, as root or through sudo, or says how to.
 pub fn apt_install(packages: &[&str]) -> Result<()> {
     let wanted = packages.join(" ");
@@ -145,7 +158,7 @@ pub fn apt_install(packages: &[&str]) -> Result<()> {
     } else {
         bail!("not root: run `sudo apt-get install {wanted}`, then this command again");
     };
-    if !crate::run::is_there("apt-get") {
+    if !is_there("apt-get") {
         bail!("no apt-get here: install {wanted} with this system's package manager");
     }
     let env = "env DEBIAN_FRONTEND=noninteractive";

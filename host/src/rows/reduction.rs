@@ -67,8 +67,9 @@ pub fn tangent(
 }
 
 /// Condenses every active row but `keep` (indices of rows; cones whole or not at all) out of
-/// `problem`, at the forces in `state`; `jacobian` is J (n x a, column-major, of at most six axes). Returns the largest entry of the skew part of the compliance
-/// \[m/N\], which only rows that slip and are not kept cause. None as for [`tangent`].
+/// `problem`, at the forces in `state`; `jacobian` is J (n x a, column-major, of at most six axes). Returns the
+/// largest entry of the skew part of the compliance \[m/N\], which only rows that slip and are not kept cause.
+/// None as for [`tangent`].
 pub fn condense(
     problem: &Problem,
     state: &State,

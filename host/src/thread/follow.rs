@@ -80,7 +80,7 @@ impl FollowWork {
     }
 
     /// For the next [`ThreadState::foresee`]: after a solve of so many rows on one anchor, and on several, what the former answer is counted
-    /// in, at the price of one more reduction. Does nothing where there are more than [`MOST_ROWS`] on several.
+    /// in, at the price of one more reduction. Does nothing where there are none on several, or more than [`MOST_ROWS`].
     pub fn condense_others(
         &mut self,
         system: &mut ConstraintSystem,
@@ -88,7 +88,7 @@ impl FollowWork {
         [single, spread]: [usize; 2],
     ) {
         self.keep.clear();
-        if spread > self.change.len() {
+        if spread == 0 || spread > self.change.len() {
             return;
         }
         self.keep.extend(single..single + spread);
