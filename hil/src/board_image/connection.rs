@@ -23,6 +23,8 @@ const STATUS_NUMBER: usize = 25;
 #[derive(Debug)]
 pub struct Connection {
     gdb: Gdb,
+    /// Bytes of RAM that wait to be written from an address on: each packet costs, so that what lies side by side shares one.
+    stores: (u32, Vec<u8>),
     /// Dropped last: it ends the emulator.
     qemu: Qemu,
 }
@@ -38,6 +40,7 @@ impl Connection {
         time_limit: Duration,
     ) -> Result<Connection, BoardImageError> {
         check_version()?;
+        stay_on_one_core();
         let qemu = Qemu::start(&QemuOptions {
             image,
             args: Vec::new(),
@@ -47,7 +50,11 @@ impl Connection {
             time_limit,
         })?;
         let gdb = connect(&qemu)?;
-        let mut connection = Connection { gdb, qemu };
+        let mut connection = Connection {
+            gdb,
+            stores: (0, Vec::new()),
+            qemu,
+        };
         // Without the target's description the stub does not give the status word.
         for packet in [
             "qSupported:xmlRegisters=arm",
@@ -70,7 +77,7 @@ impl Connection {
     /// # Errors
     /// [`BoardImageError`].
     pub fn run(&mut self, one_step: bool) -> Result<bool, BoardImageError> {
-        self.gdb.put(if one_step { "s" } else { "c" });
+        self.put(if one_step { "s" } else { "c" });
         let mut answers = match self.gdb.answers() {
             Ok(answers) => answers,
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
@@ -91,21 +98,48 @@ impl Connection {
     pub fn put_registers(&mut self, registers: &[(usize, u32)]) {
         for (at, value) in registers {
             let number = if *at == STATUS { STATUS_NUMBER } else { *at };
-            self.gdb.put(&format!("P{number:x}={}", hex_word(*value)));
+            self.put(&format!("P{number:x}={}", hex_word(*value)));
         }
+    }
+
+    /// Queues a write of all registers, as [`Connection::registers`] has them.
+    pub fn put_all_registers(&mut self, registers: &[u32]) {
+        let digits: String = registers.iter().map(|value| hex_word(*value)).collect();
+        self.put(&format!("G{digits}"));
     }
 
     /// Queues a write of 1, 2 or 4 bytes of RAM.
     pub fn put_memory(&mut self, address: u32, size: u32, value: u32) {
-        let bytes = hex_word(value);
-        let digits = bytes.get(..2 * size as usize).unwrap_or(&bytes);
-        self.gdb.put(&format!("M{address:x},{size:x}:{digits}"));
+        let (from, bytes) = &self.stores;
+        if from.wrapping_add(bytes.len() as u32) != address {
+            self.put_stores();
+            self.stores.0 = address;
+        }
+        let bytes = value.to_le_bytes();
+        self.stores.1.extend(bytes.iter().take(size as usize));
+    }
+
+    /// Queues what waits to be written to RAM.
+    fn put_stores(&mut self) {
+        let (address, bytes) = &mut self.stores;
+        if !bytes.is_empty() {
+            let digits: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+            let length = bytes.len();
+            self.gdb.put(&format!("M{address:x},{length:x}:{digits}"));
+            *address = address.wrapping_add(length as u32);
+            bytes.clear();
+        }
+    }
+
+    /// Queues a packet.
+    fn put(&mut self, packet: &str) {
+        self.put_stores();
+        self.gdb.put(packet);
     }
 
     /// Queues a watch of reads, or its end.
     pub fn put_read_watch(&mut self, (address, length): (u32, u32), on: bool) {
-        self.gdb
-            .put(&format!("{}3,{address:x},{length:x}", letter(on)));
+        self.put(&format!("{}3,{address:x},{length:x}", letter(on)));
     }
 
     /// r0 to r15 and the status word.
@@ -157,6 +191,7 @@ impl Connection {
     }
 
     fn ask(&mut self, packet: &str) -> Result<String, BoardImageError> {
+        self.put_stores();
         let answer = self.gdb.ask(packet);
         answer.map_err(|error| self.error(error))
     }
@@ -169,6 +204,18 @@ impl Connection {
         } else {
             self.qemu.ending().into()
         }
+    }
+}
+
+/// Keeps this thread, and what it starts, on the core where it is. It and the emulator only ever wait for each other: waking the
+/// other one on the same core costs half as much as on another, above all if that has gone to sleep.
+fn stay_on_one_core() {
+    #[cfg(target_os = "linux")]
+    {
+        let mut core = rustix::thread::CpuSet::new();
+        core.set(rustix::thread::sched_getcpu());
+        // A system that forbids it has them slower, not wrong.
+        let _ = rustix::thread::sched_setaffinity(None, &core);
     }
 }
 

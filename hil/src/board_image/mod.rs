@@ -205,7 +205,8 @@ impl BoardImage {
         let now_ns = self.processor.connection.word(TIM5_CNT)?;
         let passed_ns = now_ns.wrapping_sub(self.counted_ns);
         self.counted_ns = now_ns;
-        Ok(passed_ns / NS_PER_INSTRUCTION)
+        let done = std::mem::take(&mut self.processor.done);
+        Ok(passed_ns / NS_PER_INSTRUCTION + done)
     }
 
     /// What the run has cost: a line for people.

@@ -28,6 +28,8 @@ const LOADED: u32 = WAITING_ROOM + 16;
 const CRYSTAL_POLLS: u32 = 200;
 /// Accesses that an error tells of.
 const KEPT: usize = 8;
+/// Accesses that one stop does at most: those of two packets, or of a loop that waits.
+const AT_A_STOP: usize = 64;
 
 /// Why the processor has stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,6 +60,8 @@ pub struct Processor {
     last: VecDeque<(u32, Option<u32>)>,
     /// Stops at reads so far.
     pub stops: u64,
+    /// Instructions that were done in the processor's place so far.
+    pub done: u32,
     /// A reset is on its way: its register is not watched until the image runs again.
     resets: bool,
 }
@@ -86,6 +90,7 @@ impl Processor {
             watched: BTreeSet::new(),
             last: VecDeque::new(),
             stops: 0,
+            done: 0,
             resets: false,
         })
     }
@@ -199,8 +204,7 @@ impl Processor {
     /// [`BoardImageError::Reset`] if the image resets the chip, and others.
     pub fn go_on_to_rest(&mut self, chip: &mut Chip) -> Result<(), BoardImageError> {
         let registers = self.access(chip)?;
-        let all: Vec<_> = registers.into_iter().enumerate().collect();
-        self.connection.put_registers(&all);
+        self.connection.put_all_registers(&registers);
         match self.run(chip, None)? {
             Stop::Seat => Ok(()),
             Stop::Write(_) => Err(BoardImageError::Reset),
@@ -240,31 +244,47 @@ impl Processor {
         }
     }
 
-    /// Does a load or store in the processor's place, and what comes right after it as long as that is loads of watched registers and
-    /// stores to RAM: how a packet leaves its FIFO.
+    /// Does a load or store in the processor's place, and what comes right after it as long as that is loads of watched registers, stores
+    /// to RAM, and what a loop has between them: how a packet leaves its FIFO.
     /// Not past an access to `until`.
-    fn go_on(&mut self, chip: &mut Chip, first: Access, before: Vec<u32>, until: Option<u32>) {
-        let mut registers = before.clone();
+    fn go_on(
+        &mut self,
+        chip: &mut Chip,
+        first: Access,
+        mut registers: Vec<u32>,
+        until: Option<u32>,
+    ) {
         let mut access = first;
-        loop {
+        for _ in 0..AT_A_STOP {
             let status = registers[STATUS];
             self.carry_out(chip, &access, &mut registers);
             // Within an IT block what follows may not be executed.
             if registers[STATUS] != status {
                 break;
             }
-            let code = self.known_code(registers[PC]);
-            match code.and_then(|code| Access::decode(code, &integers(&registers))) {
+            match self.next_access(&mut registers) {
                 Some(next) if Some(next.address) == until => break,
                 Some(next) if next.load && self.is_watched(next.address) => access = next,
                 Some(next) if !next.load && RAM.contains(&next.address) => access = next,
                 _ => break,
             }
         }
-        let changed = registers.iter().zip(before).enumerate();
-        for (at, (value, _)) in changed.filter(|(_, (value, before))| *value != before) {
-            self.connection.put_registers(&[(at, *value)]);
+        self.connection.put_all_registers(&registers);
+    }
+
+    /// Goes past what a loop has between its accesses; the access there, if one comes.
+    fn next_access(&mut self, registers: &mut [u32]) -> Option<Access> {
+        for _ in 0..AT_A_STOP {
+            let code = self.known_code(registers[PC])?;
+            if let Some(access) = Access::decode(code, &integers(registers)) {
+                return Some(access);
+            }
+            if !thumb::go_past(code, registers) {
+                return None;
+            }
+            self.done += 1;
         }
+        None
     }
 
     /// One load or store, with what it does to the registers.
@@ -285,6 +305,7 @@ impl Processor {
         }
         registers[PC] = registers[PC].wrapping_add(access.length);
         registers[STATUS] = thumb::past_it(registers[STATUS]);
+        self.done += 1;
     }
 
     /// The instruction at a place, if it has been read; if not, it will be with the next one that has to be.
