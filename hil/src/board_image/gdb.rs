@@ -88,7 +88,11 @@ impl Gdb {
             self.received.drain(..self.from);
             self.from = 0;
             let mut chunk = [0; 4096];
-            let count = self.stream.read(&mut chunk)?;
+            let count = match self.stream.read(&mut chunk) {
+                // A signal, or somebody who looks at this process.
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+                read => read?,
+            };
             if count == 0 {
                 return Err(io::ErrorKind::UnexpectedEof.into());
             }

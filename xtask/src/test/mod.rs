@@ -11,7 +11,7 @@ pub use seeds::Cases;
 
 use crate::run::{Beside, Tool, target};
 use crate::toolchain::{Toolchain, host};
-use crate::{Format, aarch64, bench, book, firmware, locks, python, setup};
+use crate::{aarch64, book, firmware, locks, python, setup};
 use anyhow::{Context, Result, bail};
 use report::{Kind, Report};
 
@@ -157,6 +157,8 @@ fn steps(report: &mut Report, cases: Cases) {
     // What the page's tests wait for leaves time: all that does not build the command runs beside them.
     let page = page().map(Tool::beside);
     tests(report, cases);
+    // On one core, and of figures that do not depend on what else runs: beside what leaves the other one.
+    let counts = Tool::own().map(|own| own.arg("bench").beside());
     let again = if cases.full {
         "cargo xtask python --full"
     } else {
@@ -173,12 +175,6 @@ fn steps(report: &mut Report, cases: Cases) {
             |_| aarch64::compare(),
         );
     }
-    report.step(
-        Kind::Tests,
-        "solver instructions",
-        "cargo xtask bench",
-        |_| bench::gated(false, Format::Text),
-    );
     let documents = |tool: Tool| tool.env("RUSTDOCFLAGS", "-D warnings");
     report.tools(
         Kind::Build,
@@ -187,6 +183,12 @@ fn steps(report: &mut Report, cases: Cases) {
         [documents(workspace("doc --lib --examples --no-deps"))]
             .into_iter()
             .chain(boards("doc --no-deps --lib").into_iter().map(documents)),
+    );
+    report.step(
+        Kind::Tests,
+        "solver instructions",
+        "cargo xtask bench",
+        |_| counts?.wait(),
     );
     let again = page.as_ref().map(Beside::shown).unwrap_or_default();
     report.step(Kind::Tests, "page in a browser", &again, |_| page?.wait());
