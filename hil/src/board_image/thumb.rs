@@ -353,7 +353,11 @@ mod tests {
                 sa > sb,
             ];
             for (condition, expected) in (0u32..).step_by(2).zip(expected) {
-                assert_eq!(holds(condition, status), expected, "{condition} {a:x} {b:x}");
+                assert_eq!(
+                    holds(condition, status),
+                    expected,
+                    "{condition} {a:x} {b:x}"
+                );
                 assert_eq!(holds(condition + 1, status), !expected);
             }
         }

@@ -12,6 +12,7 @@ use crate::anchors::ConstraintState;
 use crate::body::{Body, Motion};
 use crate::clock::Clock;
 use crate::collide::TouchState;
+use crate::fem::Moved;
 use crate::model::Model;
 use crate::needle::NeedlePart;
 use crate::source::Handles;
@@ -24,6 +25,8 @@ const LEAST_SHARE: f64 = 1.0 / 4096.0;
 const IN_BALANCE: [f64; 2] = [1e-10, 1e-3];
 /// Passes over such tissue at one share of the loads: a stale factor leaves about a tenth in each.
 const MOST_PASSES: u32 = 300;
+/// Of these, such that can only go a part of their way: cells that would have to turn inside out become flatter for ever.
+const MOST_PARTS: u32 = 20;
 /// Balances under the whole loads until nothing moves, for what rows leave to the next one.
 const MOST_BALANCES: u32 = 32;
 /// Farthest way of a node between two of them that is none, in mean edges.
@@ -259,6 +262,7 @@ fn balance(
     exact: f64,
 ) -> Result<(), Status> {
     work.balance.system.begin_step();
+    let mut parts = 0;
     for pass in 0..MOST_PASSES {
         if let Some(balance) = work.balance.system.look(body, &mut state.grasp)
             && pass > 0
@@ -284,7 +288,11 @@ fn balance(
         if body.is_linear() {
             return Ok(());
         }
-        work.balance.system.accept(body, &mut state.grasp);
+        let moved = work.balance.system.accept(body, &mut state.grasp);
+        parts += u32::from(moved != Moved::Whole);
+        if parts > MOST_PARTS {
+            break;
+        }
     }
     Err(Status::NotConverged)
 }

@@ -9,7 +9,10 @@ use super::averaged::{self, Averaged};
 use super::discrete::Discrete;
 use super::pattern::{Groups, Pattern};
 use crate::law::Law;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Cholesky, Matrix3, SMatrix, SymmetricEigen, Vector3};
+
+/// Change of stress with each entry F_jl \[Pa m^3\], at \[j\]\[l\].
+type Moduli = [[Matrix3<f64>; 3]; 3];
 
 #[derive(Clone)]
 pub(super) struct Elastic {
@@ -132,8 +135,9 @@ impl Elastic {
         }
     }
 
-    /// Fills `values` with d2W/dx2 \[N/m\], (entries of the pattern).
-    pub fn tangent(&mut self, x: &[Vector3<f64>], values: &mut [f64]) {
+    /// Fills `values` with d2W/dx2 \[N/m\], (entries of the pattern); with `projected` each point's part without its negative
+    /// curvatures (Teran et al. 2005): the sum has none then.
+    pub fn tangent(&mut self, x: &[Vector3<f64>], projected: bool, values: &mut [f64]) {
         values.fill(0.0);
         if let Some(averaged) = &mut self.averaged {
             averaged.update(&self.discrete, &self.laws, x);
@@ -141,20 +145,26 @@ impl Elastic {
         }
         for cell in 0..self.discrete.volume.len() {
             match self.discrete.per_cell {
-                4 => self.cell_tangent::<4>(cell, x, values),
-                _ => self.cell_tangent::<10>(cell, x, values),
+                4 => self.cell_tangent::<4>(cell, x, projected, values),
+                _ => self.cell_tangent::<10>(cell, x, projected, values),
             }
         }
     }
 
-    fn cell_tangent<const K: usize>(&self, cell: usize, x: &[Vector3<f64>], values: &mut [f64]) {
+    fn cell_tangent<const K: usize>(
+        &self,
+        cell: usize,
+        x: &[Vector3<f64>],
+        projected: bool,
+        values: &mut [f64],
+    ) {
         let law = self.law(cell);
         let (nodes, points, weight) = self.points(cell);
         let mut blocks = [[Matrix3::<f64>::zeros(); K]; K];
         for gradients in points {
             let f = Discrete::deformation(nodes, gradients, x);
             // moduli[j][l]: change of stress with F_jl.
-            let moduli: [[Matrix3<f64>; 3]; 3] = std::array::from_fn(|j| {
+            let mut moduli: Moduli = std::array::from_fn(|j| {
                 std::array::from_fn(|l| {
                     let mut df = Matrix3::zeros();
                     df[(j, l)] = weight;
@@ -167,6 +177,9 @@ impl Elastic {
                     }
                 })
             });
+            if projected {
+                project(&mut moduli);
+            }
             for (b, g) in gradients.iter().enumerate() {
                 for (j, moduli) in moduli.iter().enumerate() {
                     let change = moduli[0] * g.x + moduli[1] * g.y + moduli[2] * g.z;
@@ -203,6 +216,32 @@ impl Elastic {
     pub fn stiffness_volume(&self) -> f64 {
         let of = |(cell, volume): (usize, &f64)| modulus(self.law(cell)) * volume;
         self.discrete.volume.iter().enumerate().map(of).sum()
+    }
+}
+
+/// Takes the negative curvatures out of the second derivative of an energy by F: `moduli[j][l]` is the change of stress with F_jl.
+fn project(moduli: &mut Moduli) {
+    // Entry F_jl is number 3 l + j, as matrices are stored.
+    let mut whole = SMatrix::<f64, 9, 9>::zeros();
+    for (j, row) in moduli.iter().enumerate() {
+        for (l, change) in row.iter().enumerate() {
+            whole
+                .column_mut(3 * l + j)
+                .copy_from_slice(change.as_slice());
+        }
+    }
+    if Cholesky::new(whole).is_some() || !whole.iter().all(|x| x.is_finite()) {
+        return;
+    }
+    let mut eigen = SymmetricEigen::new(whole);
+    for value in eigen.eigenvalues.iter_mut() {
+        *value = value.max(0.0);
+    }
+    let whole = eigen.recompose();
+    for (j, row) in moduli.iter_mut().enumerate() {
+        for (l, change) in row.iter_mut().enumerate() {
+            change.copy_from_slice(whole.column(3 * l + j).as_slice());
+        }
     }
 }
 

@@ -86,7 +86,13 @@ impl Elasticity {
 
     /// d2W/dx2 with nodes at `x` \[m\], into `values` \[N/m\], (entries of [`Self::triangle`]).
     pub fn tangent(&mut self, x: &[Vector3<f64>], values: &mut [f64]) {
-        self.elastic.tangent(x, values);
+        self.elastic.tangent(x, false, values);
+    }
+
+    /// [`Self::tangent`] without the negative curvatures of each cell (Teran et al. 2005, "Robust quasistatic finite elements and flesh
+    /// simulation"), positive semi-definite: where cells are pressed hard the tangent itself is not.
+    pub fn projected_tangent(&mut self, x: &[Vector3<f64>], values: &mut [f64]) {
+        self.elastic.tangent(x, true, values);
     }
 
     /// d2W/dx2 times `change` \[m\] (n) with nodes at `x` \[m\], into `out` \[N\] (n): cell by cell, nothing is assembled.

@@ -149,7 +149,7 @@ impl Balance {
     /// Assembles and factors the tangent at `x`; returns the shift that made it positive definite, zero
     /// for none.
     pub fn factor_tangent(&mut self, x: &[Vector3<f64>]) -> Option<f64> {
-        self.elastic.tangent(x, &mut self.values);
+        self.elastic.tangent(x, false, &mut self.values);
         let pattern = &self.elastic.pattern;
         if self.inertia > 0.0 {
             for unknown in 0..pattern.unknowns {

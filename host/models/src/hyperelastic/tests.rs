@@ -79,7 +79,7 @@ fn forces_and_tangent_are_derivatives_of_one_energy() {
         );
 
         let mut values = vec![0.0; elastic.pattern.entries()];
-        elastic.tangent(&x, &mut values);
+        elastic.tangent(&x, false, &mut values);
         let mut change = vec![Vector3::zeros(); x.len()];
         elastic.pattern.multiply(&values, &way, &mut change);
         let difference = plus(
@@ -97,6 +97,54 @@ fn forces_and_tangent_are_derivatives_of_one_energy() {
         let off = plus(&product, -1.0, &change);
         let relative = (dot(&off, &off) / dot(&change, &change)).sqrt();
         assert!(relative < 1e-13, "{what}: {relative}");
+    }
+}
+
+/// Least curvature of a tangent, by power iteration: of the two ends of its spectrum the one that is farther from zero comes first.
+fn least_curvature(elastic: &Elastic, values: &[f64], nodes: usize) -> f64 {
+    let end = |shift: f64| {
+        let (mut way, mut curvature) = (wave(nodes, 0.7), 0.0);
+        for _ in 0..3000 {
+            let length = dot(&way, &way).sqrt();
+            way.iter_mut().for_each(|x| *x /= length);
+            let mut change = vec![Vector3::zeros(); nodes];
+            elastic.pattern.multiply(values, &way, &mut change);
+            curvature = dot(&way, &change);
+            way = plus(&change, -shift, &way);
+        }
+        curvature
+    };
+    let one = end(0.0);
+    one.min(end(one))
+}
+
+/// What is pressed hard has negative curvatures, projected it has none; at rest both are one.
+#[test]
+fn a_projected_tangent_has_no_negative_curvature() {
+    for (mut elastic, what) in every() {
+        let rest = elastic.discrete.rest.clone();
+        let mut least = |x: &[Vector3<f64>], projected| {
+            let mut values = vec![0.0; elastic.pattern.entries()];
+            elastic.tangent(x, projected, &mut values);
+            (least_curvature(&elastic, &values, x.len()), values)
+        };
+        let pressed: Vec<_> = rest
+            .iter()
+            .map(|x| Vector3::new(x.x, x.y, 0.3 * x.z))
+            .collect();
+        let (plain, values) = least(&pressed, false);
+        let largest = values.iter().fold(0.0f64, |most, x| most.max(x.abs()));
+        assert!(plain < -1e-3 * largest, "{what}: {plain} of {largest}");
+        let (projected, _) = least(&pressed, true);
+        assert!(
+            projected > -1e-9 * largest,
+            "{what}: {projected} of {largest}"
+        );
+        let (_, plain) = least(&rest, false);
+        let (_, projected) = least(&rest, true);
+        for (plain, projected) in plain.iter().zip(&projected) {
+            assert!((plain - projected).abs() < 1e-9 * largest, "{what}");
+        }
     }
 }
 

@@ -15,8 +15,8 @@ use serde::Serialize;
 pub enum TangentKind {
     /// The derivative of the forces, dR/du included.
     Consistent,
-    /// The derivative was not positive definite: cells whose own is not have the rotated stiffness
-    /// R K R'.
+    /// The derivative was not positive definite: cells whose own is not have one that is. Of corotational tissue the rotated
+    /// stiffness R K R', of hyperelastic tissue the derivative without its negative curvatures.
     Projected,
 }
 

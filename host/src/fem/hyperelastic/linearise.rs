@@ -146,51 +146,71 @@ impl HyperelasticTissue {
         }
     }
 
-    /// Factors the tangent at the last look; one that is not positive definite with a share of its mean diagonal entry
-    /// added to the diagonal. `false` if that did not help: the factor is then as before.
+    /// Factors the tangent at the last look. One that is not positive definite is factored without the negative curvatures of
+    /// its cells: what is pressed so hard that it would buckle is then as stiff as its neighbours have it, and no mode of it as
+    /// soft as nothing, as with just so much on the diagonal that there is a factor. If that is singular, with a share of its mean
+    /// diagonal entry added to the diagonal. `false` if that did not help: the factor is then as before.
     pub(super) fn refactor(
         &self,
         state: &mut HyperelasticState,
         workspace: &mut HyperelasticWorkspace,
     ) -> bool {
-        self.assemble(workspace);
-        let HyperelasticWorkspace {
-            stiffness,
-            refactor,
-            deformed,
-            ..
-        } = workspace;
+        self.assemble(workspace, TangentKind::Consistent);
+        if self.factor(state, workspace, TangentKind::Consistent) {
+            return true;
+        }
+        self.assemble(workspace, TangentKind::Projected);
         let starts = &self.pattern.column_start[..self.pattern.unknowns];
-        let mean = starts.iter().map(|&at| stiffness[at].abs()).sum::<f64>() / starts.len() as f64;
+        let diagonal = starts.iter().map(|&at| workspace.stiffness[at].abs());
+        let mean = diagonal.sum::<f64>() / starts.len() as f64;
         let mut shift = 0.0;
         for attempt in 0..=MOST_SHIFTS {
-            let factored = state.factor.refactor(&self.pattern, stiffness, refactor);
-            if factored.is_ok() {
-                state.tangent = match attempt {
-                    0 => TangentKind::Consistent,
-                    _ => TangentKind::Projected,
-                };
-                for (inverse, f) in state.factored.iter_mut().zip(deformed.iter()) {
-                    // Only of a flat cell there is none, which has no energy.
-                    *inverse = f.try_inverse().unwrap_or_default();
-                }
-                state.fingerprint = fingerprint(stiffness);
-                state.age = 0;
-                state.is_poor = false;
-                state.moved = false;
+            if self.factor(state, workspace, TangentKind::Projected) {
                 return true;
             }
             let next = FIRST_SHIFT * 10f64.powi(attempt as i32);
             for &at in starts {
-                stiffness[at] += (next - shift) * mean;
+                workspace.stiffness[at] += (next - shift) * mean;
             }
             shift = next;
         }
         false
     }
 
+    /// Factors what has been assembled, if it is positive definite.
+    fn factor(
+        &self,
+        state: &mut HyperelasticState,
+        workspace: &mut HyperelasticWorkspace,
+        kind: TangentKind,
+    ) -> bool {
+        let HyperelasticWorkspace {
+            stiffness,
+            refactor,
+            deformed,
+            ..
+        } = workspace;
+        if state
+            .factor
+            .refactor(&self.pattern, stiffness, refactor)
+            .is_err()
+        {
+            return false;
+        }
+        state.tangent = kind;
+        for (inverse, f) in state.factored.iter_mut().zip(deformed.iter()) {
+            // Only of a flat cell there is none, which has no energy.
+            *inverse = f.try_inverse().unwrap_or_default();
+        }
+        state.fingerprint = fingerprint(stiffness);
+        state.age = 0;
+        state.is_poor = false;
+        state.moved = false;
+        true
+    }
+
     /// Lower triangle of the tangent of free nodes at the last look, into the workspace.
-    pub(super) fn assemble(&self, workspace: &mut HyperelasticWorkspace) {
+    pub(super) fn assemble(&self, workspace: &mut HyperelasticWorkspace, kind: TangentKind) {
         let HyperelasticWorkspace {
             elasticity,
             x,
@@ -198,7 +218,10 @@ impl HyperelasticTissue {
             stiffness,
             ..
         } = workspace;
-        elasticity.tangent(x, whole);
+        match kind {
+            TangentKind::Consistent => elasticity.tangent(x, whole),
+            TangentKind::Projected => elasticity.projected_tangent(x, whole),
+        }
         for (out, &entry) in stiffness.iter_mut().zip(&self.kept) {
             *out = whole[entry];
         }

@@ -70,7 +70,7 @@ fn forces_and_tangent_are_derivatives() {
         let size = dot(&work.internal, &work.internal).sqrt();
         assert!((slope - by_difference).abs() < 1e-5 * size, "{cells:?}");
 
-        tissue.assemble(&mut work);
+        tissue.assemble(&mut work, TangentKind::Consistent);
         let mut product = vec![0.0; n];
         tissue.pattern.multiply(&work.stiffness, &way, &mut product);
         let differences = ahead.1.iter().zip(&behind.1);
@@ -90,6 +90,55 @@ fn forces_and_tangent_are_derivatives() {
             .map(|(a, b)| a - b)
             .collect();
         assert!(dot(&off, &off).sqrt() < 1e-12 * size, "{cells:?}");
+    }
+}
+
+/// Where one end is pressed so hard that the tangent is not positive definite, the factor answers at the other end as if it were not.
+/// A share of the diagonal, as much as is needed there, makes all of it stiff.
+#[test]
+fn what_is_pressed_at_one_end_is_as_soft_as_before_at_the_other() {
+    let mesh = slab([0.02, 0.02, 0.08], [2, 2, 8]).expect("a slab");
+    let heights = mesh.points_m().iter().map(|p| p[2]);
+    let lowest = heights.fold(f64::INFINITY, f64::min);
+    for cells in CELLS {
+        let laws = [Law::neo_hookean(SOFT)];
+        let substance = Hyperelasticity { laws: &laws, cells };
+        let tissue = HyperelasticTissue::new(&mesh, &substance, &bottom(&mesh), Policy::default());
+        let tissue = tissue.expect("tissue");
+        let n = tissue.unknowns();
+        let mut work = tissue.workspace();
+        let mut answer = |pressed: f64| {
+            let mut state = tissue.state();
+            let places = tissue.node.clone();
+            for (u, &node) in state.unknowns_mut().chunks_exact_mut(3).zip(&places) {
+                let [_, y, z] = mesh.points_m()[node as usize];
+                let z = z - lowest;
+                // The lowest layer loses so much of its height and is sheared, all above comes with it.
+                let low = (z / 0.01).min(1.0);
+                u[2] = -pressed * 0.01 * low;
+                u[0] = pressed * 2e-3 * (1e3 * y).sin() * low * (1.0 - low);
+            }
+            state.moved = true;
+            tissue.update(&state, &mut work);
+            assert!(tissue.refactor(&mut state, &mut work), "{cells:?}");
+            // Unit forces that stretch the upper half.
+            let mut z = vec![0.0; n];
+            for (z, &node) in z.chunks_exact_mut(3).zip(&places) {
+                let at = mesh.points_m()[node as usize][2] - lowest;
+                z[2] = f64::from(at > 0.079) - f64::from((at - 0.04).abs() < 1e-9);
+            }
+            let force = z.clone();
+            state.factor.solve(&mut z, 1, &mut work.solve);
+            (state.tangent, dot(&z, &force))
+        };
+        let (kind, free) = answer(0.0);
+        assert_eq!(kind, TangentKind::Consistent);
+        let (kind, pressed) = answer(0.75);
+        assert_eq!(kind, TangentKind::Projected, "{cells:?}");
+        assert!(
+            (pressed / free - 1.0).abs() < 0.05,
+            "{cells:?}: {pressed} {free}"
+        );
     }
 }
 
