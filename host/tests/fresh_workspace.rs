@@ -48,7 +48,7 @@ fn check(case: &Case) {
             step(&model, state, &samples, &ALL, work)
         };
         let one = take(0, &mut kept, &mut work);
-        let is_new = number >= first && (number - first) % every == 0;
+        let is_new = number >= first && (number - first).is_multiple_of(every);
         if is_new {
             anew = Workspace::new(&model);
         }
