@@ -3,7 +3,6 @@
 //! A script stands in for gmsh: it takes the size of cells out of the script that it is given, and hands back one of some
 //! meshes that the test made. With `SUTURA_FULL=1` gmsh itself has to be on `PATH`.
 
-use crate::full::full;
 use crate::support::described::assert_described;
 use crate::support::{Ran, ran, sutura_in};
 use serde_json::Value;
@@ -11,6 +10,7 @@ use std::fmt::Write;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::Command;
+use sutura_testkit::full;
 
 type Triangle = [[f64; 3]; 3];
 

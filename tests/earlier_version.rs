@@ -8,7 +8,6 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-use crate::full::full;
 use crate::support::session::{self, Plane, device, force, undisturbed};
 use crate::support::{Ran, ran, root, session_of};
 use serde_json::Value;
@@ -27,6 +26,7 @@ use sutura_shared::wire::message::{Mode, State};
 use sutura_shared::wire::{
     Accumulator, Kind, MAX_FRAME, Unchecked, decode, encode, faults, inputs,
 };
+use sutura_testkit::full;
 
 const COMMIT: &str = "1e64281";
 /// Scenes of the recorded sessions.

@@ -6,13 +6,13 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-use crate::full::full;
 use crate::support::{Ran, ran, root, sutura_in};
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Command, Stdio};
+use sutura_testkit::full;
 
 /// How an example is run, and what must come of it.
 #[derive(Clone, Copy, Debug)]

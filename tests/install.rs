@@ -1,9 +1,9 @@
 //! The command as it is installed: its version, what shells and `man` know of it, and an emulator's image beside it.
 
-use crate::full::full;
 use crate::support::{ran, root, sutura, sutura_in};
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use sutura_testkit::full;
 
 fn git(at: &Path, arguments: &[&str]) -> Option<String> {
     let output = Command::new("git")

@@ -22,7 +22,6 @@ mod files;
 mod flash;
 #[cfg(all(unix, feature = "foxglove"))]
 mod foxglove;
-mod full;
 mod help_examples;
 mod install;
 mod interrupted;

@@ -5,7 +5,6 @@
 //! way down.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-use crate::full::full;
 use crate::support::root;
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -16,6 +15,7 @@ use sutura_host::session::{
 };
 use sutura_shared::wire::Valid;
 use sutura_shared::wire::message::{Fixture, State};
+use sutura_testkit::full;
 
 /// Most that any frame may have, in peaks of the reference.
 const MOST_PEAKS: f64 = 3.0;

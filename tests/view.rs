@@ -1,13 +1,13 @@
 //! `sutura view` and `sutura run --view`, asked by a client as the page is one.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-use crate::full::full;
 use crate::support::{root, sutura};
 use serde_json::{Value, json};
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::net::TcpStream;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
+use sutura_testkit::full;
 use tempfile::tempdir;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
 use tokio_tungstenite::tungstenite::{Message, WebSocket, client};

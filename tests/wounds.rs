@@ -17,6 +17,7 @@ use sutura_host::thread::ThreadPlace;
 use sutura_host::tool::ToolSample;
 use sutura_shared::wire::message::{Contact, End, State, Tension, Thread};
 use sutura_shared::wire::{Accumulator, Unchecked, Valid, decode};
+use sutura_testkit::full;
 
 /// `scenes/wound-slabs.toml` with fewer cells, and without what comes after the gap has closed.
 fn coarse() -> String {
@@ -252,15 +253,15 @@ fn an_anastomosis_is_drawn_together_bite_by_bite() {
 fn an_anastomosis_is_drawn_together_by_a_thread_that_locks() {
     let text = std::fs::read_to_string(root().join("scenes/anastomosis-50-tighten.toml")).unwrap();
     let directory = tempfile::tempdir().unwrap();
-    let more: &[&str] = match std::env::var_os("SUTURA_FULL") {
-        Some(_) => &[
+    let more: &[&str] = match full() {
+        true => &[
             "1.5",
             "2.0",
             "3.0",
             "0.1\ndrag_n_per_m = 1.0",
             "0.3\ndrag_n_per_m = 1.0",
         ],
-        None => &[],
+        false => &[],
     };
     for friction in [&["5.0"], more].concat() {
         let other = text.replace("\nfriction = 0.1\n", &format!("\nfriction = {friction}\n"));
@@ -971,9 +972,9 @@ fn a_suture_that_rubs_is_closed_at_other_places_of_the_mesh() {
 }
 
 fn degrees_of_turn() -> Vec<f64> {
-    match std::env::var_os("SUTURA_FULL") {
-        Some(_) => vec![3.0, 6.0, 17.0, 90.0, 200.0],
-        None => vec![200.0],
+    match full() {
+        true => vec![3.0, 6.0, 17.0, 90.0, 200.0],
+        false => vec![200.0],
     }
 }
 
@@ -1022,13 +1023,13 @@ fn spread(mut errors: Vec<f64>) -> [f64; 3] {
 fn a_suture_that_rubs_is_closed_span_by_span() {
     // The console draws twice. Where a stretch begins to slide, or tubes to press, the slope changes within a frame. In one of these twelve
     // draws a rim slips over a corner of the other one: then tensions fall by a tenth within 30 ms.
-    let (degrees, draws_s, most) = match std::env::var_os("SUTURA_FULL") {
-        Some(_) => (
+    let (degrees, draws_s, most) = match full() {
+        true => (
             vec![0.0, 3.0, 6.0, 17.0, 90.0, 200.0],
             &[[23.0, 27.96], [33.65, 38.61]][..],
             0.11,
         ),
-        None => (vec![0.0], &[[23.0, 27.96]][..], 0.03),
+        false => (vec![0.0], &[[23.0, 27.96]][..], 0.03),
     };
     let mut all = Vec::new();
     for degrees in degrees {

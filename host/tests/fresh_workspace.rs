@@ -4,13 +4,10 @@
 use sutura_host::scene::{Corotational, Document, Scene, Tissue};
 use sutura_host::script::Script;
 use sutura_host::step::{State, StepOptions, StepReport, Workspace, step};
+use sutura_testkit::full;
 
 /// A new workspace has to compute all columns that it needs.
 const ALL: StepOptions = StepOptions::with_vertices(usize::MAX);
-
-fn full() -> bool {
-    std::env::var_os("SUTURA_FULL").is_some_and(|value| value == "1")
-}
 
 /// Steps of a scene, beginning at `from_s`, at `hz` steps a second.
 struct Case {

@@ -6,7 +6,6 @@
 #![allow(clippy::unwrap_used, reason = "a test")]
 
 use crate::events::{Counts, Dice, Event, SILENCE, from_text, shrink, to_text};
-use crate::full::full;
 use crate::rig::{arm, bench, fixture_frame, frame};
 use proptest::test_runner::{Config, RngSeed};
 use std::path::Path;
@@ -18,6 +17,7 @@ use sutura_shared::kinematics;
 use sutura_shared::math::max;
 use sutura_shared::wire::message::{Fixture, Mode, State};
 use sutura_shared::wire::{Message, faults};
+use sutura_testkit::full;
 
 /// Rounding of a handful of operations in single precision.
 const ROUNDING: f32 = 1e-5;

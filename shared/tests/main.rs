@@ -7,8 +7,6 @@ mod common;
 mod contact_rows;
 mod control;
 mod events;
-#[path = "../../tests/full.rs"]
-mod full;
 mod kinematics;
 mod link;
 mod needle_and_thread;

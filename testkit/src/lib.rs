@@ -1,6 +1,11 @@
-//! What tests of all crates share: numbers from a seed, the same on every machine.
+//! What tests of all crates share: numbers from a seed, the same on every machine, and whether they take their long forms.
 
 use nalgebra::Vector3;
+
+/// `SUTURA_FULL=1`: tests take their long forms. `cargo xtask test --full` asks for them.
+pub fn full() -> bool {
+    std::env::var_os("SUTURA_FULL").is_some_and(|value| value == "1")
+}
 
 /// Numbers from a seed.
 pub struct Random(fastrand::Rng);

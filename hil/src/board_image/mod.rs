@@ -93,7 +93,8 @@ pub struct BoardImage {
 }
 
 impl BoardImage {
-    /// Gives the chip its supply, with everything well around it, and boots.
+    /// Gives the chip its supply, with everything well around it, and boots. On Linux the calling thread, and the emulator with it,
+    /// stays from then on the core where it is.
     ///
     /// # Errors
     /// [`BoardImageError`].

@@ -10,6 +10,7 @@ use sutura_host::step::{State, Status, StepOptions, StepReport, Workspace, step}
 use sutura_host::thread::{ThreadEnd, ThreadHold, ThreadPlace, ThreadPoint};
 use sutura_host::tool::ToolSample;
 use sutura_host::wound::Wound;
+use sutura_testkit::full;
 
 /// Most that gap and tensions are off.
 const GAP_OFF: f64 = 0.03;
@@ -34,11 +35,6 @@ const IN_FEW_STEPS: &Order = &[([1.0, 1.0], 40)];
 
 /// Steps on the spot after that.
 const REST: u32 = 10;
-
-/// `SUTURA_FULL=1`: the long forms.
-fn full() -> bool {
-    std::env::var_os("SUTURA_FULL").is_some_and(|value| value == "1")
-}
 
 /// Sewn, held at both ends, and not pulled yet.
 struct Sewn {

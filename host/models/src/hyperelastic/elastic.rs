@@ -14,6 +14,9 @@ use nalgebra::{Cholesky, Matrix3, SMatrix, SymmetricEigen, Vector3};
 /// Change of stress with each entry F_jl \[Pa m^3\], at \[j\]\[l\].
 type Moduli = [[Matrix3<f64>; 3]; 3];
 
+/// Iterations for the eigenvalues of such, of which there are nine: some two for each are enough.
+const MOST_SWEEPS: usize = 200;
+
 #[derive(Clone)]
 pub(super) struct Elastic {
     pub discrete: Discrete,
@@ -233,7 +236,10 @@ fn project(moduli: &mut Moduli) {
     if Cholesky::new(whole).is_some() || !whole.iter().all(|x| x.is_finite()) {
         return;
     }
-    let mut eigen = SymmetricEigen::new(whole);
+    // What is finite may overflow in between: then it stays as it is, and has no factor.
+    let Some(mut eigen) = SymmetricEigen::try_new(whole, f64::EPSILON, MOST_SWEEPS) else {
+        return;
+    };
     for value in eigen.eigenvalues.iter_mut() {
         *value = value.max(0.0);
     }

@@ -146,10 +146,9 @@ impl HyperelasticTissue {
         }
     }
 
-    /// Factors the tangent at the last look. One that is not positive definite is factored without the negative curvatures of
-    /// its cells: what is pressed so hard that it would buckle is then as stiff as its neighbours have it, and no mode of it as
-    /// soft as nothing, as with just so much on the diagonal that there is a factor. If that is singular, with a share of its mean
-    /// diagonal entry added to the diagonal. `false` if that did not help: the factor is then as before.
+    /// Factors the tangent at the last look; one that is not positive definite without the negative curvatures of its cells, so
+    /// that only what is pressed hard answers otherwise than it would. If that is singular, with a share of its mean diagonal entry
+    /// added to the diagonal, which all of the tissue feels. `false` if that did not help: the factor is then as before.
     pub(super) fn refactor(
         &self,
         state: &mut HyperelasticState,

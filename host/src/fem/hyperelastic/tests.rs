@@ -111,12 +111,9 @@ fn what_is_pressed_at_one_end_is_as_soft_as_before_at_the_other() {
             let mut state = tissue.state();
             let places = tissue.node.clone();
             for (u, &node) in state.unknowns_mut().chunks_exact_mut(3).zip(&places) {
-                let [_, y, z] = mesh.points_m()[node as usize];
-                let z = z - lowest;
-                // The lowest layer loses so much of its height and is sheared, all above comes with it.
-                let low = (z / 0.01).min(1.0);
-                u[2] = -pressed * 0.01 * low;
-                u[0] = pressed * 2e-3 * (1e3 * y).sin() * low * (1.0 - low);
+                let height = mesh.points_m()[node as usize][2] - lowest;
+                // The lowest layer loses so much of its height, all above comes with it.
+                u[2] = -pressed * height.min(0.01);
             }
             state.moved = true;
             tissue.update(&state, &mut work);
@@ -124,8 +121,8 @@ fn what_is_pressed_at_one_end_is_as_soft_as_before_at_the_other() {
             // Unit forces that stretch the upper half.
             let mut z = vec![0.0; n];
             for (z, &node) in z.chunks_exact_mut(3).zip(&places) {
-                let at = mesh.points_m()[node as usize][2] - lowest;
-                z[2] = f64::from(at > 0.079) - f64::from((at - 0.04).abs() < 1e-9);
+                let height = mesh.points_m()[node as usize][2] - lowest;
+                z[2] = f64::from(height > 0.079) - f64::from((height - 0.04).abs() < 1e-9);
             }
             let force = z.clone();
             state.factor.solve(&mut z, 1, &mut work.solve);
