@@ -960,24 +960,6 @@ fn by_hand(degrees: f64) -> Scene {
     .unwrap()
 }
 
-/// A suture that rubs is closed span by span wherever its punctures are in the mesh, with the same pulls.
-#[test]
-fn a_suture_that_rubs_is_closed_at_other_places_of_the_mesh() {
-    for degrees in degrees_of_turn() {
-        let summary = in_lockstep(&by_hand(degrees));
-        let ratio = number(&summary["scene"], "bridge_ratio");
-        println!("{degrees} degrees: bridges within {ratio:.4}");
-        all_are_closed(&summary);
-    }
-}
-
-fn degrees_of_turn() -> Vec<f64> {
-    match full() {
-        true => vec![3.0, 6.0, 17.0, 90.0, 200.0],
-        false => vec![200.0],
-    }
-}
-
 /// Errors of what the console feels while it draws, of the tension at its grip, [`TickByTick`]: of each tick, and the peak of what is felt \[N\].
 fn felt_by_hand(scene: &Scene, draws_s: &[[f64; 2]]) -> (Vec<f64>, f64) {
     const PULLS_N: f64 = 0.3;
@@ -1017,8 +999,8 @@ fn spread(mut errors: Vec<f64>) -> [f64; 3] {
     [0.5, 0.99, 1.0].map(of)
 }
 
-/// Twenty punctures of a thread that rubs are drawn together span by span: every bite closes, though a pull at the ends would close the last
-/// ones alone, the length is kept, and while the console pulls it feels the tension at its grip.
+/// Twenty punctures of a thread that rubs are drawn together span by span, wherever they are in the mesh: every bite closes, though a pull
+/// at the ends would close the last ones alone, the length is kept, and while the console pulls it feels the tension at its grip.
 #[test]
 fn a_suture_that_rubs_is_closed_span_by_span() {
     // The console draws twice. Where a stretch begins to slide, or tubes to press, the slope changes within a frame. In one of these twelve
@@ -1029,7 +1011,7 @@ fn a_suture_that_rubs_is_closed_span_by_span() {
             &[[23.0, 27.96], [33.65, 38.61]][..],
             0.11,
         ),
-        false => (vec![0.0], &[[23.0, 27.96]][..], 0.03),
+        false => (vec![200.0], &[[23.0, 27.96]][..], 0.02),
     };
     let mut all = Vec::new();
     for degrees in degrees {
