@@ -12,7 +12,7 @@ use sutura_host::link::{LinkError, LockstepConsole};
 use sutura_host::scene::{Scene, load};
 use sutura_host::script::path;
 use sutura_host::session::{
-    LINE_BYTES_PER_S, Plan, Rendering, SceneSolver, Solve, Solved, Summary, run_lockstep,
+    LINE_BYTES_PER_S, Plan, Rendering, SceneSolver, Snapshot, Solve, Solved, Summary, run_lockstep,
 };
 use sutura_shared::wire::message::{Contact, Needle, State, Tip};
 use sutura_shared::wire::{Accumulator, Unchecked, Valid, decode};
@@ -495,6 +495,40 @@ fn with_way(points: &[(f64, f64)]) -> Scene {
     let text = format!("{before}{}[host]{host}", points.collect::<String>());
     let document = sutura_host::scene::Document::embedded("slabs.toml", Path::new(""), &text);
     Scene::read(&document, "slabs").unwrap()
+}
+
+/// A needle that is let go in the air lies on the slab soon after, where the scene has gravity and says what it is made of; else it stays
+/// in the air, and the console is sent the same bits as by a scene that says neither.
+#[test]
+fn a_needle_that_is_let_go_falls_on_the_slab() {
+    let text = std::fs::read_to_string(root().join("scenes/needle-sweeps.toml")).unwrap();
+    let hold = "time_s = 0.0\ntool = 0\n";
+    let light = text.replacen(hold, &format!("{hold}\n[[needle.hold]]\ntime_s = 0.1\n"), 1);
+    let heavy = light.replace("body = true", "body = true\ndensity_kg_per_m3 = 7900.0");
+    let tissue = "[tissue]\ndensity_kg_per_m3 = 1060.0";
+    let falling = format!(
+        "gravity_m_per_s2 = [0.0, 0.0, -9.81]\n{}",
+        heavy.replacen("[tissue]", tissue, 1)
+    );
+    let ended = |text: &str| {
+        let document = sutura_host::scene::Document::embedded("let-go.toml", Path::new(""), text);
+        let scene = Scene::read(&document, "let-go").unwrap();
+        let start_m = scene.needles[0].start.translation.vector.z;
+        let (watched, _, summary) = watch(&scene, 1.0);
+        assert_eq!((&*summary.status, summary.decays), ("ok", 0));
+        assert!(summary.steps_withheld.is_empty());
+        let solver = &watched.solver;
+        let snapshot = Snapshot::of(solver);
+        let (model, state) = snapshot.constrained().unwrap();
+        let pose = state.needle_pose(model, 0).unwrap();
+        (start_m - pose.translation.vector.z, summary.trace_hash)
+    };
+    let [(none_m, light), (stays_m, heavy), (fell_m, _)] =
+        [&light, &heavy, &falling].map(|text| ended(text));
+    assert_eq!((none_m, light), (stays_m, heavy));
+    println!("{stays_m} m and {fell_m} m");
+    // Its end begins 6 mm above the slab, and goes down with the hand a little first.
+    assert!(stays_m < 0.002 && fell_m > 0.005, "{stays_m} {fell_m} m");
 }
 
 /// A console that has started anew while nobody looked, with the hand where the needle is in the upper slab: nothing is felt of

@@ -914,17 +914,6 @@ impl Solve for TickByTick {
     }
 }
 
-/// A session of a scene in lockstep.
-fn in_lockstep(scene: &Scene) -> Value {
-    let plan = plan(scene);
-    let mut solver = SceneSolver::for_session(scene, &plan).unwrap();
-    let mut console = NativeConsole::new(&plan.device).unwrap();
-    let summary = run_lockstep(&mut console, &plan, &mut solver, |_| {
-        ControlFlow::Continue(())
-    });
-    serde_json::to_value(summary.unwrap()).unwrap()
-}
-
 /// 20 punctures of a thread that rubs are closed: nothing was withheld, each bridge is within 5 %, and the length is kept.
 fn all_are_closed(summary: &Value) {
     assert_eq!(summary["status"], "ok");

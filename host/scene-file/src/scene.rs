@@ -603,6 +603,9 @@ pub struct NeedleSection {
     /// Whether its shaft touches the surface where it is outside of the tissue.
     #[serde(default)]
     pub body: bool,
+    /// What it is made of \[kg/m^3\]: with the scene's gravity it falls where nobody holds it; steel has 7900. Needs `body`.
+    #[schemars(with = "Option<f64>", extend("minimum" = 1.0, "maximum" = 30_000.0))]
+    pub density_kg_per_m3: Option<Spanned<f64>>,
     /// Who holds it, from when on.
     #[serde(default)]
     #[schemars(with = "Vec<NeedleHoldSection>")]

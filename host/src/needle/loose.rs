@@ -28,8 +28,8 @@ impl Source for FreeNeedleSource {
     fn append(&self, _balance: &mut Balance) {}
 
     fn soften(&self, balance: &mut Balance, solve: u32) {
-        if solve <= SOLVES {
-            balance.loosen();
+        if solve <= SOLVES || balance.work.needles.falling.iter().any(Option::is_some) {
+            balance.loosen(solve <= SOLVES);
         }
     }
 
@@ -44,37 +44,47 @@ impl Balance<'_> {
     fn settle_loose(&mut self) -> bool {
         let mut settled = true;
         for needle in 0..self.state.each.len() {
-            if self.state.each[needle].grip.is_some() {
+            let is_loose = self.state.each[needle].grip.is_none();
+            if !is_loose || self.work.needles.falling[needle].is_some() {
                 continue;
             }
             // The compliance has it in it by now.
-            let Some((centre, drag)) = self.work.needles.drags[needle] else {
-                continue;
-            };
-            let part = &self.sources.needles[needle].needle;
-            let length = part.shape.length_m();
-            // Where the solve has it: with the arms that the compliance has.
-            let mut wrench = Vector6::zeros();
-            for (index, point) in self.work.needles.points.iter().enumerate() {
-                if point.needle == needle {
-                    let force = -self.state.grasp.force_on(index);
-                    let moment = (self.work.needles.arms[index] - centre).cross(&force);
-                    wrench += Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
-                }
+            if let Some((centre, drag)) = self.work.needles.drags[needle] {
+                settled &= self.push_loose(needle, &centre, &drag);
             }
-            let step = wrench.component_div(&drag);
-            let shift: Vector3<f64> = step.fixed_rows::<3>(0).into();
-            let turn: Vector3<f64> = step.fixed_rows::<3>(3).into();
-            let size = shift.norm() / self.sources.piece_m + turn.norm() / MOST_LOOSE_TURN;
-            let part = size.max(1.0).recip();
-            let (shift, turn) = (shift * part, turn * part);
-            let state = &mut self.state.each[needle];
-            state.pose = about(&centre, &shift, &turn) * state.pose;
-            // Products of rotations drift.
-            state.pose.rotation.renormalize();
-            settled &= shift.norm() + turn.norm() * length <= 1e-9 * length;
         }
         settled
+    }
+
+    /// Moves a needle that nobody holds as the wrench of the last solve does against `drag`, about `centre`; whether it is at rest.
+    pub(super) fn push_loose(
+        &mut self,
+        needle: usize,
+        centre: &Vector3<f64>,
+        drag: &Vector6<f64>,
+    ) -> bool {
+        let part = &self.sources.needles[needle].needle;
+        let length = part.shape.length_m();
+        // Where the solve has it: with the arms that the compliance has.
+        let mut wrench = Vector6::zeros();
+        for (index, point) in self.work.needles.points.iter().enumerate() {
+            if point.needle == needle {
+                let force = -self.state.grasp.force_on(index);
+                let moment = (self.work.needles.arms[index] - centre).cross(&force);
+                wrench += Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
+            }
+        }
+        let step = wrench.component_div(drag);
+        let shift: Vector3<f64> = step.fixed_rows::<3>(0).into();
+        let turn: Vector3<f64> = step.fixed_rows::<3>(3).into();
+        let size = shift.norm() / self.sources.piece_m + turn.norm() / MOST_LOOSE_TURN;
+        let part = size.max(1.0).recip();
+        let (shift, turn) = (shift * part, turn * part);
+        let state = &mut self.state.each[needle];
+        state.pose = about(centre, &shift, &turn) * state.pose;
+        // Products of rotations drift.
+        state.pose.rotation.renormalize();
+        shift.norm() + turn.norm() * length <= 1e-9 * length
     }
 
     /// Where a loose needle turns about, and its drag \[N/m, N m/rad\]; `None` if no row holds it.
@@ -108,8 +118,8 @@ impl Balance<'_> {
         Some((centre / f64::from(count), drag))
     }
 
-    /// Lets loose needles give way in the compliance.
-    fn loosen(&mut self) {
+    /// Lets loose needles give way in the compliance: what falls, and others if `loosens`.
+    fn loosen(&mut self, loosens: bool) {
         let mut arms = std::mem::take(&mut self.work.needles.arms);
         arms.clear();
         arms.extend(
@@ -135,7 +145,11 @@ impl Balance<'_> {
             if self.state.each[needle].grip.is_some() {
                 continue;
             }
-            self.work.needles.drags[needle] = self.drag(needle);
+            self.work.needles.drags[needle] = match self.work.needles.falling[needle] {
+                Some(_) => self.withstands(needle),
+                None if loosens => self.drag(needle),
+                None => None,
+            };
             let Some((centre, drag)) = self.work.needles.drags[needle] else {
                 continue;
             };

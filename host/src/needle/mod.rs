@@ -6,6 +6,7 @@
 mod body;
 mod end;
 mod events;
+mod fall;
 mod hierarchy;
 mod history;
 mod ledger;
@@ -21,10 +22,11 @@ mod state;
 mod surface;
 mod walk;
 
+pub(crate) use fall::LONGEST_FALL_S;
 pub use hierarchy::{Capsule, Hierarchy, MOST_GROUPS, Slack};
 pub use history::{Broken, Crossing, History};
 pub(crate) use loose::FreeNeedleSource;
-pub use model::{MAX_NEEDLES, NeedleError, NeedlePart, NeedleSettings, Playback};
+pub use model::{MAX_NEEDLES, NeedleError, NeedlePart, NeedleSettings, NeedleWeight, Playback};
 pub(crate) use model::{check, contains};
 pub use report::{NeedleReport, TipPlace};
 pub use shape::{

@@ -21,6 +21,17 @@ pub struct NeedlePart {
     pub start: Isometry3<f64>,
     /// Whether its shaft touches the surface where it is outside of the tissue.
     pub body: bool,
+    /// What it falls with where nobody holds it; without, it stays where it is.
+    pub weight: Option<NeedleWeight>,
+}
+
+/// What a needle weighs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NeedleWeight {
+    /// Of what it is made of \[kg/m^3\].
+    pub density_kg_per_m3: f64,
+    /// What it falls with \[m/s^2\], (3), world frame.
+    pub gravity_m_per_s2: [f64; 3],
 }
 
 impl NeedlePart {
@@ -29,7 +40,15 @@ impl NeedlePart {
         let coords = self.start.to_homogeneous();
         let is_finite = coords.iter().all(|x| x.is_finite());
         let lost = || (!is_finite).then(|| "its start is not finite".to_owned());
-        self.needle.flaw().or_else(lost)
+        let weightless = || {
+            let weight = self.weight?;
+            let is_finite = weight.gravity_m_per_s2.iter().all(|g| g.is_finite());
+            let density = weight.density_kg_per_m3;
+            let is_sound = is_finite && density.is_finite() && density > 0.0;
+            (!is_sound)
+                .then(|| format!("its density is {density} kg/m^3, or its gravity not finite"))
+        };
+        self.needle.flaw().or_else(lost).or_else(weightless)
     }
 
     /// Longest piece of a path on which nothing that its body meets comes to be on the body's other side \[m\].

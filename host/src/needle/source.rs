@@ -6,6 +6,7 @@
 //! with alpha on an arc: the axial target is `w.s(alpha_k) + alpha_0 - alpha_k`, whose delta is the whole slide since
 //! alpha_0.
 
+use super::fall::Falling;
 use super::model::MAX_NEEDLES;
 use super::relax::Relaxation;
 use super::state::{NeedleState, Tip};
@@ -94,6 +95,10 @@ pub(crate) struct NeedleWork {
     relaxations: Vec<Relaxation>,
     /// Where each free needle turns about in the last solve, and its drag.
     pub(super) drags: Vec<Option<(Vector3<f64>, Vector6<f64>)>>,
+    /// Of each needle that falls.
+    pub(super) falling: Vec<Option<Falling>>,
+    /// For as long they fall in this step \[s\].
+    pub fall_s: f64,
 }
 
 impl NeedleWork {
@@ -119,6 +124,8 @@ impl NeedleWork {
                 .map(|_| Relaxation::new(most_crossings))
                 .collect(),
             drags: vec![None; count],
+            falling: vec![None; count],
+            fall_s: 0.0,
         }
     }
 }
@@ -137,10 +144,12 @@ impl Source for NeedleSource {
         }
         let relaxations = &mut balance.work.needles.relaxations;
         relaxations.iter_mut().for_each(Relaxation::begin);
+        balance.begin_fall();
     }
 
     /// Rows of every needle at its pose and present slides.
     fn append(&self, balance: &mut Balance) {
+        balance.let_fall();
         let BalanceWork { set, needles, .. } = &mut *balance.work;
         needles.points.clear();
         let mesh = &balance.sources.mesh;
@@ -233,7 +242,8 @@ impl Source for NeedleSource {
 
     /// Slides as the solve says.
     fn settle(&self, balance: &mut Balance, solve: u32) -> Result<bool, Status> {
-        let mut settled = balance.slide_crossings();
+        let mut settled = balance.give_way();
+        settled &= balance.slide_crossings();
         let grasp = &balance.state.grasp;
         let (delta, lambda) = (grasp.delta_m(), grasp.lambda());
         let needles = &mut balance.work.needles;
@@ -272,6 +282,7 @@ impl Source for NeedleSource {
     }
 
     fn accept(&self, balance: &mut Balance) {
+        balance.end_fall();
         balance.book();
         balance.follow_surface();
         balance.follow_bodies();
@@ -350,6 +361,9 @@ impl Balance<'_> {
             work.took[index] = false;
             work.pressed[index] = false;
             state.pose = *pose;
+            let falls = played.is_none() && state.falls(&self.sources.needles[index]);
+            let gives = falls && work.fall_s > 0.0;
+            work.falling[index] = gives.then(|| Falling::to(*pose, work.fall_s));
             if let Tip::Inside { cut: Some(cut) } = &mut state.tip {
                 cut.pressed = true;
             }

@@ -2,6 +2,7 @@
 //!
 //! Entry points: [`NeedleState`], [`Tip`].
 
+use super::fall::Fall;
 use super::model::{NeedlePart, NeedleSettings};
 use super::surface::Lie;
 use super::{Crossing, Curve, History};
@@ -42,6 +43,9 @@ pub(crate) struct NeedleState {
     pub tally: Tally,
     /// Speed of the uniform slide in this step \[m/s\].
     pub speed: f64,
+    /// How it fell in the last step.
+    #[serde(skip_serializing_if = "Fall::is_none")]
+    pub fall: Fall,
 }
 
 /// By which tool a needle is held, and how.
@@ -178,6 +182,7 @@ impl NeedleState {
             tip_force: Vector3::zeros(),
             tally: Tally::default(),
             speed: 0.0,
+            fall: Fall::default(),
         }
     }
 
@@ -200,6 +205,7 @@ impl NeedleState {
             tip_force,
             tally,
             speed,
+            fall,
         } = self;
         *pose = other.pose;
         *grip = other.grip;
@@ -217,6 +223,7 @@ impl NeedleState {
         *tip_force = other.tip_force;
         *tally = other.tally;
         *speed = other.speed;
+        *fall = other.fall;
     }
 
     /// Puts a needle that is in no tissue elsewhere, whatever lies in between; one that is in tissue stays in its holes.

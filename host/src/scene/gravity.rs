@@ -3,10 +3,11 @@
 //! Entry points: [`read_gravity`], [`read_densities`], [`read_settle`].
 
 use super::document::{Document, Flaw, SceneError};
-use super::{Scene, Tissue, units};
+use super::{Needle, Scene, Tissue, units};
 use crate::fem::{LinearTissue, Loads, NodeLoad, weight};
 use crate::mesh::TetMesh;
 use crate::model::Model;
+use crate::needle::NeedleWeight;
 use std::ops::Range;
 use sutura_scene_file::scene::SceneFile;
 use toml::Spanned;
@@ -164,6 +165,46 @@ fn read_acceleration(
     Err(document.flaw(value.span(), message, "too strong", Some(&help)))
 }
 
+/// Gives needles what they fall with: with gravity, those that have a density.
+///
+/// # Errors
+/// A flaw at a density that is none of any matter, and at one of a needle without a body.
+pub(super) fn weigh_needles(
+    document: &Document,
+    file: &SceneFile,
+    gravity: Option<&Gravity>,
+    needles: &mut [Needle],
+    warnings: &mut Vec<Flaw>,
+) -> Result<(), SceneError> {
+    for (needle, section) in needles.iter_mut().zip(&file.needle) {
+        let Some(value) = &section.get_ref().density_kg_per_m3 else {
+            continue;
+        };
+        let [least, most] = DENSITIES;
+        let rule = format!("from {least} to {most}");
+        let sound = |density| (least..=most).contains(&density);
+        let help = "steel has 7900, titanium 4500";
+        let density_kg_per_m3 = document.number("density_kg_per_m3", value, &rule, sound, help)?;
+        if !needle.body {
+            let message =
+                "a needle that weighs something, and has no body to lie on the tissue with";
+            let help =
+                "add `body = true`, or leave the density out: then it stays where it is let go";
+            return Err(document.flaw(value.span(), message, "it falls through", Some(help)));
+        }
+        match gravity {
+            Some(gravity) => {
+                needle.weight = Some(NeedleWeight {
+                    density_kg_per_m3,
+                    gravity_m_per_s2: gravity.m_per_s2,
+                });
+            }
+            None => warnings.push(idle_density(document, value)),
+        }
+    }
+    Ok(())
+}
+
 /// Density of `[tissue]` first, then of each `[[region]]`, which has that of `[tissue]` where it says nothing \[kg/m^3\].
 ///
 /// # Errors
@@ -235,13 +276,16 @@ fn idle_densities(document: &Document, file: &SceneFile) -> Vec<Flaw> {
     let own = file.tissue.density_kg_per_m3.iter().filter(|_| !has_mass);
     let regions = file.region.iter();
     let regions = regions.filter_map(|region| region.get_ref().density_kg_per_m3.as_ref());
-    let warned = own.chain(regions).map(|value| {
-        let message = "a density, but no gravity: it has no effect";
-        let help =
-            "add `gravity_m_per_s2 = [0.0, 0.0, -9.81]` at the top, or leave the density out";
-        document.warning(value.span(), message, "weighs nothing", help)
-    });
-    warned.collect()
+    let densities = own.chain(regions);
+    densities
+        .map(|value| idle_density(document, value))
+        .collect()
+}
+
+fn idle_density(document: &Document, value: &Spanned<f64>) -> Flaw {
+    let message = "a density, but no gravity: it has no effect";
+    let help = "add `gravity_m_per_s2 = [0.0, 0.0, -9.81]` at the top, or leave the density out";
+    document.warning(value.span(), message, "weighs nothing", help)
 }
 
 /// That cells have no density: those of `[tissue]`, or of a region.

@@ -1,5 +1,6 @@
 //! Gravity and densities: what arrives, and what is told of those that are none.
 
+use super::Scene;
 use super::tests::{Slip, check_slips, read};
 
 const GOOD: &str = r#"
@@ -28,6 +29,27 @@ density_kg_per_m3 = 920.0
 
 [[fixed]]
 plane = { axis = "z", at_m = -0.01 }
+"#;
+/// What makes a scene with a needle that falls of it.
+const NEEDLE: &str = r#"
+[tissue.needle]
+friction_n_per_m = 5.0
+puncture_pa = 5e5
+
+[[tool]]
+shape = "grip"
+
+[[needle]]
+shape = "straight"
+length_m = 0.02
+thickness_m = 0.0008
+end_m = [0.0, 0.0, 0.05]
+direction = [0.0, 0.0, -1.0]
+body = true
+density_kg_per_m3 = 7900.0
+
+[[needle.hold]]
+time_s = 0.0
 "#;
 const GRAVITY: &str = "gravity_m_per_s2 = [0.0, 0.0, -9.81]";
 const REGION: &str = "density_kg_per_m3 = 920.0";
@@ -99,6 +121,44 @@ fn where_tissue_begins_is_told_where_it_cannot_be_chosen() {
     let is_settled = |text: &str| read(text).expect("good").settle;
     assert!(is_settled(GOOD) && !is_settled(&GOOD.replace(GRAVITY, &falls)));
 }
+
+#[test]
+fn needles_fall_with_the_scenes_gravity() {
+    let text = [GOOD, NEEDLE].concat();
+    let scene = read(&text).expect("good");
+    let weight = scene.needles[0].weight.expect("a weight");
+    assert_eq!(weight.gravity_m_per_s2, [0.0, 0.0, -9.81]);
+    assert_eq!(weight.density_kg_per_m3, 7900.0);
+    let idle = |scene: &Scene| {
+        let warnings = scene.warnings.iter().map(ToString::to_string);
+        let idle = warnings.filter(|words| words.contains("a density, but no gravity"));
+        idle.count()
+    };
+    assert_eq!(idle(&scene), 0);
+    let light = read(&text.replace("density_kg_per_m3 = 7900.0", "")).expect("good");
+    assert_eq!(light.needles[0].weight, None);
+    let none = read(&text.replace(GRAVITY, "")).expect("good");
+    assert_eq!(none.needles[0].weight, None);
+    assert_eq!(idle(&none), 3);
+    check_slips(&text, NEEDLE_SLIPS);
+}
+
+const NEEDLE_SLIPS: &[Slip] = &[
+    Slip {
+        from: "body = true\n",
+        to: "",
+        message: "a needle that weighs something, and has no body to lie on the tissue with",
+        under: "7900.0",
+        help: "add `body = true`",
+    },
+    Slip {
+        from: "density_kg_per_m3 = 7900.0",
+        to: "density_kg_per_m3 = 7.9e6",
+        message: "density_kg_per_m3 = 7900000: must be from 1 to 30000",
+        under: "7.9e6",
+        help: "steel has 7900",
+    },
+];
 
 #[test]
 fn gravity_that_is_none_is_told_at_its_place() {

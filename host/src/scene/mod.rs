@@ -420,6 +420,7 @@ impl Scene {
                 needle: needle.needle,
                 start: needle.start,
                 body: needle.body,
+                weight: needle.weight,
             })
             .collect();
         let settings = NeedleSettings {

@@ -35,6 +35,8 @@ pub struct Needle {
     pub start: Isometry3<f64>,
     /// Whether its shaft touches the surface.
     pub body: bool,
+    /// What it falls with where nobody holds it.
+    pub weight: Option<needle::NeedleWeight>,
     /// Who holds it, in the order of time; the first from the start on.
     pub holds: Vec<Hold>,
 }
@@ -106,6 +108,7 @@ pub(super) fn read_needles(
             needle,
             start,
             body: said.body,
+            weight: None,
             holds,
         });
     }

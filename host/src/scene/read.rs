@@ -6,7 +6,7 @@ use super::added;
 use super::bodies::{idle_pairs, read_body_contacts};
 use super::device::find_device;
 use super::document::{Document, Flaw, SceneError};
-use super::gravity::{read_densities, read_gravity, read_settle};
+use super::gravity::{read_densities, read_gravity, read_settle, weigh_needles};
 use super::hand::hand_script;
 use super::jaws::read_jaws;
 use super::needles::{read_needle_solver, read_needle_tissue, read_needles};
@@ -100,7 +100,7 @@ impl Scene {
         warnings
             .extend(moduli.filter_map(|modulus| units::of_stiffness(document, modulus, &tools)));
         let hands = (&tools[..], &file.tool[..]);
-        let needles = read_needles(document, &file.needle, &tools, &mesh)?;
+        let mut needles = read_needles(document, &file.needle, &tools, &mesh)?;
         let threads = read_threads(document, &file.thread, &needles, &tools)?;
         let jaws = read_jaws(document, &file.jaws, &tools, (&needles, &threads))?;
         // Where tissues touch and there are no needles, nothing else may be in the console's grip.
@@ -146,6 +146,13 @@ impl Scene {
             &of_cell,
             &densities,
             &fixed,
+            &mut warnings,
+        )?;
+        weigh_needles(
+            document,
+            &file,
+            gravity.as_ref(),
+            &mut needles,
             &mut warnings,
         )?;
         let density_kg_per_m3 = densities.first().copied().flatten();

@@ -156,14 +156,16 @@ impl Step<'_> {
     fn take(&mut self, samples: &[ToolSample], placements: &Placements) -> Status {
         let (model, sources) = (self.model, self.sources);
         self.work.rows.clear();
-        let targets = Targets::read(sources, self.state, samples, placements);
+        let mut moment = Moment::of(self.state, samples);
+        let targets = Targets::read(sources, self.state, samples, placements, moment.fall_s());
         let contains = |at: &Vector3<f64>| model.contains(at);
         let tools = &mut self.state.tools;
         if !tools.bring_in(&sources.tools, &targets.tools, contains) {
             return Status::Inside;
         }
         self.take_over_tissue();
-        let moment = self.state.begin_way(sources, &targets, samples);
+        self.state.begin_way(sources, &targets, &mut moment);
+        self.work.balance.needles.fall_s = moment.fall_s();
         self.work.keep(self.state);
         let status = self.take_passes(&targets);
         self.end_way(status, &moment);
@@ -265,7 +267,7 @@ impl Step<'_> {
     /// What failed is taken back.
     fn end_way(&mut self, status: Status, moment: &Moment) {
         if status.has_balance() {
-            self.state.time_us = moment.time_us.unwrap_or(self.state.time_us);
+            self.state.end_way(self.sources, moment);
             return;
         }
         // While columns are awaited the tissue stays where their factor is of.

@@ -15,15 +15,15 @@ use crate::jaws::{JawsPart, JawsState};
 use crate::mesh::{HalfFaces, TetMesh};
 use crate::model::Model;
 use crate::needle::{
-    Geometry, Hierarchy, History, MAX_NEEDLES, NeedleError, NeedlePart, NeedleSettings,
-    NeedleState, NeedleTissue, Slack, check, contains, entry,
+    Geometry, Hierarchy, History, LONGEST_FALL_S, MAX_NEEDLES, NeedleError, NeedlePart,
+    NeedleSettings, NeedleState, NeedleTissue, Slack, check, contains, entry,
 };
 use crate::rod::{BarPart, BarState, PairPart, PairState};
 use crate::source::tool::{Cones, ToolContacts, TouchingTools};
 use crate::source::{Added, Handles, Kept as Memory, ON_POINTS, ON_WAYS, Room, Source};
 use crate::thread::{Obstacle, ThreadBody, ThreadState, Threads};
 use crate::tool::{MAX_TOOLS, Tool, ToolSample};
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -329,7 +329,34 @@ pub(crate) struct SourcesState {
 pub(crate) struct Moment {
     /// Of its samples, by the console's clock; nothing without samples.
     pub time_us: Option<u64>,
+    /// Since the last balance \[s\].
+    pub step_s: f64,
     speeds: [f64; MAX_NEEDLES],
+    /// Where needles were.
+    poses: [Isometry3<f64>; MAX_NEEDLES],
+}
+
+impl Moment {
+    /// When `samples` were taken, after `state`.
+    pub fn of(state: &SourcesState, samples: &[ToolSample]) -> Self {
+        let time_us = samples.iter().map(|sample| sample.console_time_us).max();
+        let since = |now: u64| 1e-6 * now.saturating_sub(state.time_us) as f64;
+        let mut poses = [Isometry3::identity(); MAX_NEEDLES];
+        for (pose, each) in poses.iter_mut().zip(&state.each) {
+            *pose = each.pose;
+        }
+        Self {
+            time_us,
+            step_s: time_us.map_or(0.0, since),
+            speeds: [0.0; MAX_NEEDLES],
+            poses,
+        }
+    }
+
+    /// For as long needles fall in it \[s\].
+    pub fn fall_s(&self) -> f64 {
+        self.step_s.min(LONGEST_FALL_S)
+    }
 }
 
 /// Scratch.
@@ -408,17 +435,11 @@ impl SourcesState {
     }
 
     /// Finds how fast needles slide on their way to `targets`.
-    pub fn begin_way(
-        &mut self,
-        sources: &Sources,
-        targets: &Targets,
-        samples: &[ToolSample],
-    ) -> Moment {
-        let time_us = samples.iter().map(|sample| sample.console_time_us).max();
-        let passed_s = time_us.map_or(0.0, |now| 1e-6 * now.saturating_sub(self.time_us) as f64);
-        let mut speeds = [0.0; MAX_NEEDLES];
+    pub fn begin_way(&mut self, sources: &Sources, targets: &Targets, moment: &mut Moment) {
+        let passed_s = moment.step_s;
+        let speeds = &mut moment.speeds;
         let ways = targets.needles.iter().zip(&sources.needles);
-        for ((each, before), (target, part)) in self.each.iter_mut().zip(&mut speeds).zip(ways) {
+        for ((each, before), (target, part)) in self.each.iter_mut().zip(speeds).zip(ways) {
             *before = each.speed;
             let (from, to) = (part.needle.at(&each.pose), part.needle.at(target));
             let middle = 0.5 * from.length;
@@ -429,7 +450,15 @@ impl SourcesState {
                 0.0
             };
         }
-        Moment { time_us, speeds }
+    }
+
+    /// The way since `moment` is done, by which time is as far on.
+    pub fn end_way(&mut self, sources: &Sources, moment: &Moment) {
+        self.time_us = moment.time_us.unwrap_or(self.time_us);
+        let ways = sources.needles.iter().zip(&moment.poses);
+        for (each, (part, from)) in self.each.iter_mut().zip(ways) {
+            each.fell(part, from, moment.fall_s());
+        }
     }
 
     /// Needles slide as before the way.

@@ -18,14 +18,16 @@ pub(super) fn follow(model: &Model, balance: &mut Balance, targets: &Targets) ->
         return status;
     }
     let sources = balance.sources;
+    let targets = &targets.on_leashes(balance);
     let are_free = || {
         sources
             .tools
             .are_free(&targets.tools, |at| model.contains(at))
     };
     let mut halvings = 0;
+    let mut done = 0.0;
     loop {
-        let ends = targets.with_free(balance.state);
+        let ends = targets.with_free(balance.state, done);
         let share = ends.share(sources, balance.state);
         if !share.is_finite() {
             return Status::NotFinite;
@@ -34,7 +36,10 @@ pub(super) fn follow(model: &Model, balance: &mut Balance, targets: &Targets) ->
         balance.report.substeps += 1;
         match balance.to(&ends.part_way(balance.state, share)) {
             Ok(()) if share >= 1.0 => return Status::Ok,
-            Ok(()) => halvings = 0,
+            Ok(()) => {
+                halvings = 0;
+                done += share * (1.0 - done);
+            }
             // Between tools the way counts: its end may be on their other side.
             Err(Status::NotConverged) if !sources.tools.is_empty() && halvings < MAX_HALVINGS => {
                 halvings += 1;

@@ -2,6 +2,7 @@
 //!
 //! Entry points: [`Targets::read`], [`Targets::share`], [`Targets::part_way`].
 
+use super::balance::Balance;
 use super::sources::{Sources, SourcesState};
 use crate::jaws::{Jaws, JawsState};
 use crate::needle::{MAX_NEEDLES, NeedlePart, NeedleState, Tip};
@@ -30,6 +31,11 @@ pub(crate) struct Targets {
     pub jaws: [Option<Isometry3<f64>>; MAX_TOOLS],
     /// Grips that carry bars; likewise.
     pub bars: [Option<Isometry3<f64>>; MAX_TOOLS],
+    /// From where needles fall that nobody holds and that have a weight.
+    falls_from: [Option<Isometry3<f64>>; MAX_NEEDLES],
+    /// For as long they fall \[s\], and how much of the way is done.
+    fall_s: f64,
+    done: f64,
 }
 
 impl Targets {
@@ -41,26 +47,34 @@ impl Targets {
             tools: [None; MAX_TOOLS],
             jaws: [None; MAX_TOOLS],
             bars: [None; MAX_TOOLS],
+            falls_from: [None; MAX_NEEDLES],
+            fall_s: 0.0,
+            done: 0.0,
         }
     }
 
-    /// Where `samples` take what the tools hold, and the tools themselves, of which all are at `placements`.
+    /// Where `samples` take what the tools hold, and the tools themselves, of which all are at `placements`; what nobody holds
+    /// falls for `fall_s`.
     pub fn read(
         sources: &Sources,
         state: &SourcesState,
         samples: &[ToolSample],
         placements: &Placements,
+        fall_s: f64,
     ) -> Self {
         let of = |tool: u8| samples.iter().find(|sample| sample.id == tool);
         let mut targets = Self {
             tools: sources.tools.targets(placements),
+            fall_s,
             ..Self::none()
         };
-        for (target, each) in targets.needles.iter_mut().zip(&state.each) {
+        for (index, (each, part)) in state.each.iter().zip(&sources.needles).enumerate() {
             let held = each
                 .grip
                 .and_then(|grip| Some(pose_of(of(grip.tool)?)? * grip.needle));
-            *target = held.unwrap_or(each.pose);
+            let falls_to = each.fall(part, fall_s, sources.piece_m);
+            targets.falls_from[index] = falls_to.map(|_| each.pose);
+            targets.needles[index] = held.or(falls_to).unwrap_or(each.pose);
         }
         for (ends, thread) in targets.threads.iter_mut().zip(&state.threads) {
             *ends = [thread.tail, thread.head].map(|hold| match hold.by {
@@ -81,10 +95,22 @@ impl Targets {
         targets
     }
 
-    /// As these are now: what nobody holds is where the tissue took it.
-    pub fn with_free(mut self, state: &SourcesState) -> Self {
-        for (target, each) in self.needles.iter_mut().zip(&state.each) {
-            if each.grip.is_none() {
+    /// As these are now, with needles that fall on their threads.
+    pub fn on_leashes(mut self, balance: &Balance) -> Self {
+        for needle in 0..balance.state.each.len() {
+            if self.falls_from[needle].is_some() {
+                self.needles[needle] = balance.on_leash(needle, &self.needles[needle]);
+            }
+        }
+        self
+    }
+
+    /// As these are now, `done` of the way: what nobody holds is where the tissue took it, unless it falls.
+    pub fn with_free(mut self, state: &SourcesState, done: f64) -> Self {
+        self.done = done;
+        let each = state.each.iter().zip(&self.falls_from);
+        for (target, (each, falls_from)) in self.needles.iter_mut().zip(each) {
+            if each.grip.is_none() && falls_from.is_none() {
                 *target = each.pose;
             }
         }
@@ -96,6 +122,16 @@ impl Targets {
         let mut share = 1.0f64;
         let needles = state.each.iter().zip(&self.needles).zip(&sources.needles);
         for (index, ((each, target), own)) in needles.enumerate() {
+            if self.falls_from[index].is_some() {
+                // Of all its way, whatever bore it on the one that is done.
+                let far = (1.0 - self.done) * each.falls_by(own, target, self.fall_s);
+                let piece_m = match own.body && each.is_near {
+                    true => own.body_piece_m(),
+                    false => sources.piece_m * EDGE_PIECES,
+                };
+                share = share.min(if far > piece_m { piece_m / far } else { 1.0 });
+                continue;
+            }
             let passes = state.passes(Obstacle::Needle(index));
             share = share.min(needle_share(sources.piece_m, (each, passes), target, own));
         }
@@ -121,8 +157,13 @@ impl Targets {
     /// Where everything is after a share of the way from `state`; all of it leads exactly here.
     pub fn part_way(&self, state: &SourcesState, share: f64) -> Self {
         let mut next = *self;
-        for (pose, each) in next.needles.iter_mut().zip(&state.each) {
-            *pose = towards(&each.pose, pose, share);
+        let falls = self.falls_from.iter();
+        for (pose, (each, falls_from)) in next.needles.iter_mut().zip(state.each.iter().zip(falls))
+        {
+            *pose = match falls_from {
+                Some(from) => towards(from, pose, self.done + share * (1.0 - self.done)),
+                None => towards(&each.pose, pose, share),
+            };
         }
         for (ends, thread) in next.threads.iter_mut().zip(&state.threads) {
             for (end, from) in ends.iter_mut().zip([thread.tail.at, thread.head.at]) {

@@ -3,6 +3,7 @@
 //! Entry point: [`ThreadSource`].
 
 use super::model::MOST_SEGMENTS;
+use super::state::Hold;
 use super::{
     BendWork, FollowWork, Segment, Skin, ThreadHold, ThreadPart, ThreadState, Wrap, wraps,
 };
@@ -139,6 +140,27 @@ impl Source for ThreadSource {
 }
 
 impl Balance<'_> {
+    /// Where the thread on a needle's end is held nearest to it \[m\], and how much there is of it up to there \[m\]; nothing of a
+    /// needle without, or with one that nothing holds.
+    pub(crate) fn leash(&self, needle: usize) -> Option<(Vector3<f64>, f64)> {
+        let held = &self.sources.threads;
+        let leads = |strand: &usize| {
+            self.state.threads[*strand].is_used
+                && held.is_led(*strand)
+                && held.needle_of(*strand) == needle
+        };
+        let thread = &self.state.threads[(0..self.state.threads.len()).find(leads)?];
+        let in_hand = |hold: &Hold| hold.by.is_hand().then_some((hold.at, -hold.alpha));
+        let at_last = || {
+            let last = &thread.passed.last()?.crossing;
+            let at = self.position_of(&anchor(&self.sources.mesh, last));
+            Some((at, -last.alpha))
+        };
+        in_hand(&thread.head)
+            .or_else(at_last)
+            .or_else(|| in_hand(&thread.tail))
+    }
+
     /// Whether both ends of a thread withstand a pull.
     pub(super) fn is_held(&self, thread: usize) -> bool {
         let needle = &self.state.each[self.sources.threads.needle_of(thread)];

@@ -6,7 +6,7 @@ use sutura_host::mesh::{TetMesh, slab, tube};
 use sutura_host::model::{Model, Passes};
 use sutura_host::needle::{
     Crossing, CrossingFriction, History, Needle, NeedlePart, NeedleReport, NeedleSegment,
-    NeedleSegments, NeedleSettings, NeedleShape, NeedleTissue,
+    NeedleSegments, NeedleSettings, NeedleShape, NeedleTissue, NeedleWeight,
 };
 use sutura_host::step::{State, Status, StepOptions, StepReport, Workspace, step};
 use sutura_host::thread::{ThreadPart, ThreadPoint, Through};
@@ -190,9 +190,22 @@ impl Bench {
 
     /// The same with needles that have bodies, or not.
     pub fn built(
-        (mesh, fixed): (TetMesh, Vec<u32>),
+        mesh: (TetMesh, Vec<u32>),
         kind: Kind,
         (needles, body): (&[(Needle, Isometry3<f64>)], bool),
+        loaded: (Material, Loads),
+        tissue: &[NeedleTissue],
+        settings: NeedleSettings,
+    ) -> Self {
+        let needles = (needles, body, None);
+        Self::weighing(mesh, kind, needles, loaded, tissue, settings)
+    }
+
+    /// The same with what they weigh.
+    pub fn weighing(
+        (mesh, fixed): (TetMesh, Vec<u32>),
+        kind: Kind,
+        (needles, body, weight): (&[(Needle, Isometry3<f64>)], bool, Option<NeedleWeight>),
         (material, loads): (Material, Loads),
         tissue: &[NeedleTissue],
         settings: NeedleSettings,
@@ -220,6 +233,7 @@ impl Bench {
                 needle,
                 start,
                 body,
+                weight,
             })
             .collect();
         let model = model

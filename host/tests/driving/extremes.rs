@@ -340,6 +340,7 @@ fn ten_thousand_crossings_at_once() {
     let model = Model::new(&strip, MATERIAL, &fixed, Loads::default(), &tools).expect("tissue");
     let part = NeedlePart {
         body: false,
+        weight: None,
         id: 0,
         needle: straight(0.06),
         start,
@@ -442,6 +443,7 @@ fn a_needle_in_tissue_at_the_start_is_refused() {
         let start = frame([0.0013, 0.0007, end_z], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]);
         let part = NeedlePart {
             body: false,
+            weight: None,
             id: 3,
             needle: straight(length_m),
             start,

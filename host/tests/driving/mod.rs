@@ -7,6 +7,7 @@ pub mod bench;
 mod bodies;
 mod energy;
 mod extremes;
+mod falling;
 mod force;
 mod grips;
 mod handles;

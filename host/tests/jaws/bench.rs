@@ -30,6 +30,7 @@ fn sixty_rows_beside_a_needle() {
         tools.push((HOLDER, Tool::new(Shape::Grip, [0.0; 3])));
         let model = Model::new(mesh, SOFT, fixed, Loads::default(), &tools).expect("tissue");
         let part = NeedlePart {
+            weight: None,
             id: 0,
             needle: Needle {
                 shape: NeedleShape::Straight { length_m: 0.04 },
