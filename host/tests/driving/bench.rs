@@ -6,7 +6,7 @@ use sutura_host::mesh::{TetMesh, slab, tube};
 use sutura_host::model::{Model, Passes};
 use sutura_host::needle::{
     Crossing, CrossingFriction, History, Needle, NeedlePart, NeedleReport, NeedleSegment,
-    NeedleSegments, NeedleSettings, NeedleShape, NeedleTissue, NeedleWeight,
+    NeedleSegments, NeedleSettings, NeedleShape, NeedleTissue,
 };
 use sutura_host::step::{State, Status, StepOptions, StepReport, Workspace, step};
 use sutura_host::thread::{ThreadPart, ThreadPoint, Through};
@@ -197,15 +197,24 @@ impl Bench {
         tissue: &[NeedleTissue],
         settings: NeedleSettings,
     ) -> Self {
-        let needles = (needles, body, None);
-        Self::weighing(mesh, kind, needles, loaded, tissue, settings)
+        let parts = (0u8..)
+            .zip(needles)
+            .map(|(id, &(needle, start))| NeedlePart {
+                id,
+                needle,
+                start,
+                body,
+                weight: None,
+            });
+        let parts: Vec<_> = parts.collect();
+        Self::of_parts(mesh, kind, &parts, loaded, tissue, settings)
     }
 
-    /// The same with what they weigh.
-    pub fn weighing(
+    /// The same of whole needles.
+    pub fn of_parts(
         (mesh, fixed): (TetMesh, Vec<u32>),
         kind: Kind,
-        (needles, body, weight): (&[(Needle, Isometry3<f64>)], bool, Option<NeedleWeight>),
+        parts: &[NeedlePart],
         (material, loads): (Material, Loads),
         tissue: &[NeedleTissue],
         settings: NeedleSettings,
@@ -226,22 +235,12 @@ impl Bench {
             }
         }
         .expect("tissue");
-        let parts: Vec<NeedlePart> = (0u8..)
-            .zip(needles)
-            .map(|(id, &(needle, start))| NeedlePart {
-                id,
-                needle,
-                start,
-                body,
-                weight,
-            })
-            .collect();
         let model = model
-            .with_needles(&mesh, &parts, tissue, settings)
+            .with_needles(&mesh, parts, tissue, settings)
             .expect("needles");
         let mut work = Workspace::new(&model);
         work.prepare(&model, |_| true);
-        let grips = [0, 1].map(|tool| needles.get(tool).map_or(needles[0].1, |(_, start)| *start));
+        let grips = [0, 1].map(|tool| parts.get(tool).unwrap_or(&parts[0]).start);
         let mut bench = Self {
             grip: grips[0],
             other: grips[1],
@@ -251,8 +250,8 @@ impl Bench {
             model,
             mesh,
         };
-        for (id, _) in (0u8..).zip(needles) {
-            assert!(bench.hold(id, Some(id)));
+        for part in parts {
+            assert!(bench.hold(part.id, Some(part.id)));
         }
         bench
     }

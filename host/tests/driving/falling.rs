@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
 use sutura_host::fem::Loads;
 use sutura_host::mesh::TetMesh;
 use sutura_host::model::Passes;
-use sutura_host::needle::{Needle, NeedleSettings, NeedleWeight};
+use sutura_host::needle::{Needle, NeedlePart, NeedleSettings, NeedleWeight};
 use sutura_host::step::Status;
 use sutura_host::thread::{ThreadEnd, ThreadHold};
 
@@ -40,12 +40,18 @@ fn let_go_over(
         density_kg_per_m3: STEEL_KG_PER_M3,
         gravity_m_per_s2: down.into(),
     };
-    let needles = [(needle, turn * start)];
+    let part = NeedlePart {
+        id: 0,
+        needle,
+        start: turn * start,
+        body: true,
+        weight: Some(weight),
+    };
     let tissue = vec![rubbing(0.3); mesh.cells().len()];
-    let mut bench = Bench::weighing(
+    let mut bench = Bench::of_parts(
         (mesh, fixed.clone()),
         kind,
-        (&needles, true, Some(weight)),
+        &[part],
         (MATERIAL, Loads::default()),
         &tissue,
         NeedleSettings::default(),
