@@ -2,9 +2,10 @@
 //!
 //! Entry points: [`VirtualConsole`] (real time, behind a pseudo-terminal), [`NativeConsole`] (lockstep, in
 //! this process), [`QemuConsole`] (lockstep, the firmware image under QEMU), [`Qemu`] (any image),
-//! [`BoardImage`](board_image::BoardImage) (the image for motors, with a stand-in for what QEMU lacks), [`FaultProxy`] (a bad line).
+//! [`FaultProxy`] (a bad line); with the feature `board-image` `board_image::BoardImage` (the image for motors, with a stand-in for what QEMU
+//! lacks), with `scenarios` `scenario` (what goes wrong, played).
 
-#[cfg(unix)]
+#[cfg(all(unix, feature = "board-image"))]
 pub mod board_image;
 mod fault_proxy;
 pub mod identity_trace;
@@ -15,6 +16,7 @@ mod pty;
 pub mod qemu;
 #[cfg(unix)]
 mod qemu_console;
+#[cfg(feature = "scenarios")]
 pub mod scenario;
 mod virtual_console;
 
