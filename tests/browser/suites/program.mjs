@@ -361,13 +361,16 @@ async function passes(page, seconds) {
 async function dragged({ page, shot, sutura, folder }) {
   const ask = (command) => page.evaluate((command) => window.sutura.ask(command), command);
   // Let go, the hand goes back to where it was taken: in the air, where the scene's hand begins. Slowly, so that it is still
-  // there when it is told to stay.
+  // there when it is told to stay; once more where the machine stood still meanwhile.
   await until(page, () => window.sutura.grip() !== null && document.getElementById('mode').textContent === 'armed');
-  await ask({ do: 'speed', factor: 0.2 });
-  await ask({ do: 'hand', way: 'scene' });
-  await until(page, () => window.sutura.newest.status.grip[2] > 0.0295);
-  await ask({ do: 'hand', way: 'none' });
-  await ask({ do: 'speed', factor: 1 });
+  do {
+    await ask({ do: 'speed', factor: 0.2 });
+    await ask({ do: 'hand', way: 'scene' });
+    await until(page, () => window.sutura.newest.status.grip[2] > 0.0295);
+    await ask({ do: 'hand', way: 'none' });
+    await ask({ do: 'speed', factor: 1 });
+    await passes(page, 0.3);
+  } while (await page.evaluate(() => Math.abs(window.sutura.newest.status.grip[2] - 0.03) > 8e-4));
   await page.evaluate(() => window.sutura.stage.look('front'));
   await passes(page, 0.3);
   check((await force(page)) < 0.01, `in the air: ${await force(page)} N`);
