@@ -14,7 +14,7 @@ use serde::Serialize;
 
 /// Longest step in which one falls \[s\]: while a host stands still, a needle does, too.
 pub(crate) const LONGEST_FALL_S: f64 = 0.05;
-/// Pieces of its way, and of its body's near the surface, that one falls in a step at most. More would have hands wait for it.
+/// Pieces of its way, and of its body's near the surface, that one falls in a step at most. More would have hands fall behind.
 const MOST_PIECES: f64 = 4.0;
 const MOST_BODY_PIECES: f64 = 8.0;
 /// Furthest turn in a step \[rad\].
