@@ -80,6 +80,7 @@ const EXAMPLES: &[(&str, Way)] = &[
     ("sutura run scenes/two-threads.toml", Runs("0.5")),
     ("sutura run scenes/thread-over-shaft.toml", Runs("0.5")),
     ("sutura run scenes/shaft-on-shaft.toml", Runs("0.5")),
+    ("sutura run scenes/needle-pushed.toml", Runs("0.5")),
     ("sutura run --view", Feels(FIRST_PRESS)),
     ("sutura run --foxglove", Feels(FIRST_PRESS)),
     ("sutura run --console /dev/ttyACM0", Port),

@@ -218,6 +218,18 @@ fn a_shaft_is_drawn_along_another_one() {
     assert_eq!(peaks[2], 0.0, "{peaks:?}");
 }
 
+/// A needle that was let go in a slab is pushed over, and felt; without the section the shaft goes through it.
+#[test]
+fn a_needle_that_was_let_go_is_pushed() {
+    let path = root().join("scenes/needle-pushed.toml");
+    let text = std::fs::read_to_string(path).unwrap();
+    let section = "[[body_contact]]\nbetween = [{ needle = 0 }, { tool = 0 }]\n";
+    assert!(text.contains(section));
+    let peaks = [text.clone(), text.replace(section, "")].map(|text| peak_n(&text));
+    assert!((0.3..0.45).contains(&peaks[0]), "{peaks:?}");
+    assert_eq!(peaks[1], 0.0, "{peaks:?}");
+}
+
 /// What hands that tighten draw out of two tubes depends on friction along the thread, and closes them bite by bite.
 #[test]
 fn an_anastomosis_is_drawn_together_bite_by_bite() {

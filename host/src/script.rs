@@ -17,7 +17,7 @@ use crate::thread::Tightening;
 use crate::tool::{Act, Tool, ToolSample};
 use holds::{Change, Waiting, changes};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
-pub use path::{Path, path};
+pub use path::{Fall, Path, path};
 use sutura_shared::wire::message::HandScript;
 
 /// The scripts of a scene, and how far they have been followed.
@@ -342,7 +342,8 @@ fn isometry(sample: &ToolSample) -> Isometry3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::Document;
+    use crate::needle::NeedleWeight;
+    use crate::scene::{Document, Hold};
     use crate::step::{Status, StepOptions, Workspace, step};
 
     /// A slab, a driven grip that turns, a second hand that takes the needle from it in the open, on its way, and
@@ -487,6 +488,38 @@ way_point = [{ time_s = 0.0, position_m = [0.0, 0.0, 0.06] }]
         assert!(found.angle_to(&expected) < 1e-12);
         assert_eq!(tools[1].id, 6);
         near(tools[1].position_m, [0.0, 0.025, 0.1]);
+    }
+
+    /// A needle with a weight that is let go may come to lie below, on what faces it, as far aside as it is long.
+    #[test]
+    fn a_path_tells_where_needles_land() {
+        let mut scene = scene();
+        let falls = |scene: &Scene| path(scene, 4.0, 0.1, 1.0).falls;
+        scene.needles[0].holds = vec![
+            Hold {
+                time_s: 0.0,
+                tool: Some(scene.tools[0].id),
+            },
+            Hold {
+                time_s: 0.1,
+                tool: None,
+            },
+        ];
+        assert_eq!(falls(&scene), []);
+        scene.needles[0].weight = Some(NeedleWeight {
+            density_kg_per_m3: 7900.0,
+            gravity_m_per_s2: [0.0, 0.0, -9.81],
+        });
+        let [fall] = falls(&scene)[..] else {
+            panic!("one");
+        };
+        let up = Vector3::z();
+        let lands = |x: f64, z: f64, normal: Vector3<f64>| {
+            fall.lands_on(&Vector3::new(0.01 + x, 0.0, z), &normal)
+        };
+        assert!(lands(0.0, 0.0, up) && lands(0.015, -1.0, up));
+        // Too far aside, above, and a face that looks away.
+        assert!(!lands(0.025, 0.0, up) && !lands(0.0, 0.08, up) && !lands(0.0, 0.0, -up));
     }
 
     /// Without tissue a path goes where the steps go: through the same poses of the needle.

@@ -1,7 +1,7 @@
 //! Needles that fall where nobody holds them: rigid bodies with the scene's gravity.
 //!
-//! Entry points: [`NeedleState::fall`] before a step's way, [`Balance::give_way`] after each solve, [`NeedleState::fell`] once a step is
-//! done. A step is one of implicit Euler: with the pose that the needle would have without forces, `x* = x + h v + h^2 g`, and its mass
+//! Entry points: [`NeedleState::fall`] before a step's way, [`NeedleState::fell`] once a step is done; in between they
+//! [give way](super::Yielding). A step is one of implicit Euler: with the pose that the needle would have without forces, `x* = x + h v + h^2 g`, and its mass
 //! m, forces F take it to `x* + h^2 F / m`; the same of its turn about the centre of mass, with a bar's m L^2 / 12 about every axis. In the
 //! compliance it gives way by h^2 / m, beside which tissue is stiff: what lies on it or hangs in it does so in the first step, and bounces
 //! are not rendered.
@@ -14,17 +14,13 @@ use serde::Serialize;
 
 /// Longest step in which one falls \[s\]: while a host stands still, a needle does, too.
 pub(crate) const LONGEST_FALL_S: f64 = 0.05;
-/// Pieces of its way, and of its body's near the surface, that one falls in a step at most. More would have hands fall behind.
+/// Pieces of its way, and of its body's near what that may meet, that one falls in a step at most. More would have hands fall behind.
 const MOST_PIECES: f64 = 4.0;
 const MOST_BODY_PIECES: f64 = 8.0;
 /// Furthest turn in a step \[rad\].
 const MOST_TURN: f64 = 0.4;
-/// Solves of a round to which it gives way: what has not settled by then stays where it is.
-const SOLVES: u32 = 16;
 /// Times that a thread draws a needle back, each of which leaves the square of what it turns.
 const PULLS: u32 = 4;
-/// It is known well enough where it changes by less than this part of its length \[1\].
-const SETTLED: f64 = 1e-9;
 /// Places on its curve whose mean is its centre.
 const PLACES: u32 = 16;
 
@@ -56,7 +52,7 @@ impl NeedlePart {
     }
 
     /// What takes it along and about each axis by one in a step \[N/m, N m/rad\]; nothing of one that does not fall.
-    fn inertia(&self, step_s: f64) -> Option<Vector6<f64>> {
+    pub(super) fn inertia(&self, step_s: f64) -> Option<Vector6<f64>> {
         let length_m = self.needle.shape.length_m();
         let mass_kg = self.weight?.density_kg_per_m3 * self.needle.tip_area_m2() * length_m;
         let along = mass_kg / (step_s * step_s);
@@ -78,12 +74,18 @@ impl NeedleState {
     }
 
     /// Where it is after a step of `step_s`, without forces, if it falls. What is let go falls from rest.
-    pub fn fall(&self, part: &NeedlePart, step_s: f64, piece_m: f64) -> Option<Isometry3<f64>> {
+    /// Near what its body may meet it goes by smaller pieces.
+    pub fn fall(
+        &self,
+        part: &NeedlePart,
+        step_s: f64,
+        (piece_m, is_near): (f64, bool),
+    ) -> Option<Isometry3<f64>> {
         let weight = part.weight.filter(|_| self.falls(part) && step_s > 0.0)?;
         let gained = Vector3::from(weight.gravity_m_per_s2) * step_s;
         let shift = (self.fall.velocity + gained) * step_s;
         let turn = self.fall.spin * step_s;
-        let most_m = match part.body && self.is_near {
+        let most_m = match part.body && is_near {
             true => MOST_BODY_PIECES * part.body_piece_m(),
             false => MOST_PIECES * piece_m,
         };
@@ -149,91 +151,5 @@ impl Balance<'_> {
         }
         pose.rotation.renormalize();
         pose
-    }
-
-    /// Before the solves of a round: what falls gives way to them.
-    pub(super) fn begin_fall(&mut self) {
-        for falling in self.work.needles.falling.iter_mut().flatten() {
-            falling.solves_left = SOLVES;
-        }
-    }
-
-    /// Before a solve: what gives way to it is where it would be without forces.
-    pub(super) fn let_fall(&mut self) {
-        let each = self.state.each.iter_mut();
-        for (state, falling) in each.zip(&mut self.work.needles.falling) {
-            if let Some(falling) = falling.as_mut().filter(|falling| falling.solves_left > 0) {
-                falling.last = state.pose;
-                state.pose = falling.free;
-            }
-        }
-    }
-
-    /// Where what gives way turns about, and what it withstands.
-    pub(super) fn withstands(&self, needle: usize) -> Option<(Vector3<f64>, Vector6<f64>)> {
-        let falling = self.work.needles.falling[needle]?;
-        let part = &self.sources.needles[needle];
-        let inertia = part.inertia(falling.step_s)?;
-        let centre = part.centre(&self.state.each[needle].pose);
-        (falling.solves_left > 0).then_some((centre, inertia))
-    }
-
-    /// After a solve: what falls gives way to it; whether all is where it was before.
-    pub(super) fn give_way(&mut self) -> bool {
-        let mut settled = true;
-        for needle in 0..self.state.each.len() {
-            let Some(falling) = &mut self.work.needles.falling[needle] else {
-                continue;
-            };
-            if falling.solves_left == 0 {
-                continue;
-            }
-            falling.solves_left -= 1;
-            let (last, is_last) = (falling.last, falling.solves_left == 0);
-            if let Some((centre, inertia)) = self.work.needles.drags[needle] {
-                self.push_loose(needle, &centre, &inertia);
-            }
-            let needle_of = &self.sources.needles[needle].needle;
-            let [before, after] =
-                [&last, &self.state.each[needle].pose].map(|pose| needle_of.at(pose));
-            let length_m = before.length;
-            let moved =
-                |along: f64| (after.at(along * length_m) - before.at(along * length_m)).norm();
-            settled &= is_last
-                || [0.0, 0.5, 1.0]
-                    .into_iter()
-                    .all(|along| moved(along) <= SETTLED * length_m);
-        }
-        settled
-    }
-
-    /// The balance is found: everything is where it is.
-    pub(super) fn end_fall(&mut self) {
-        for falling in self.work.needles.falling.iter_mut().flatten() {
-            falling.solves_left = 0;
-        }
-    }
-}
-
-/// A needle that falls, in one balance.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Falling {
-    /// Where it would be without forces, and where the last solve had it.
-    free: Isometry3<f64>,
-    last: Isometry3<f64>,
-    step_s: f64,
-    /// Solves to which it gives way.
-    solves_left: u32,
-}
-
-impl Falling {
-    /// To where it would be in `step_s` without forces.
-    pub fn to(free: Isometry3<f64>, step_s: f64) -> Self {
-        Self {
-            free,
-            last: free,
-            step_s,
-            solves_left: 0,
-        }
     }
 }

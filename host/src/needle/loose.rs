@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`FreeNeedleSource`].
 
-use super::source::What;
+use super::source::{NeedleWork, What};
 use crate::source::{Room, Source};
 use crate::step::{Balance, BalanceWork, Sources, Status, about};
 use nalgebra::{Vector3, Vector6};
@@ -13,7 +13,7 @@ const SOLVES: u32 = 4;
 
 /// Stiffness with which a needle that nobody holds is held back in each solve, in parts of the
 /// tissue's: it settles by a factor of about this in every one.
-const DRAG: f64 = 1e-5;
+pub(super) const DRAG: f64 = 1e-5;
 /// As far a needle that nobody holds turns between two solves \[rad\].
 const MOST_LOOSE_TURN: f64 = 0.1;
 
@@ -25,16 +25,40 @@ impl Source for FreeNeedleSource {
         Room::default()
     }
 
-    fn append(&self, _balance: &mut Balance) {}
+    /// Its rows are where it is, and see it where it would be without them.
+    fn append(&self, balance: &mut Balance) {
+        if balance.state.each.iter().any(|each| each.grip.is_none()) {
+            balance.find_arms();
+        }
+        for needle in 0..balance.state.each.len() {
+            balance.aim_loose(needle);
+        }
+    }
 
     fn soften(&self, balance: &mut Balance, solve: u32) {
-        if solve <= SOLVES || balance.work.needles.falling.iter().any(Option::is_some) {
+        if solve <= SOLVES || balance.work.needles.yielding.iter().any(Option::is_some) {
             balance.loosen(solve <= SOLVES);
         }
     }
 
     fn settle(&self, balance: &mut Balance, solve: u32) -> Result<bool, Status> {
         Ok(solve > SOLVES || balance.settle_loose())
+    }
+}
+
+/// A row of a needle that nobody holds, and where that is acted on \[m\].
+#[derive(Clone, Copy)]
+struct LooseRow {
+    row: usize,
+    at: Vector3<f64>,
+}
+
+impl LooseRow {
+    /// What a row along `direction` has its target go by, by a motion of the needle about `centre`.
+    fn jacobian(&self, direction: &Vector3<f64>, centre: &Vector3<f64>) -> Vector6<f64> {
+        let turn = (self.at - centre).cross(direction);
+        let [along, turn] = [direction, &turn];
+        Vector6::new(along.x, along.y, along.z, turn.x, turn.y, turn.z)
     }
 }
 
@@ -45,23 +69,24 @@ impl Balance<'_> {
         let mut settled = true;
         for needle in 0..self.state.each.len() {
             let is_loose = self.state.each[needle].grip.is_none();
-            if !is_loose || self.work.needles.falling[needle].is_some() {
+            if !is_loose || self.work.needles.yielding[needle].is_some() {
                 continue;
             }
             // The compliance has it in it by now.
-            if let Some((centre, drag)) = self.work.needles.drags[needle] {
-                settled &= self.push_loose(needle, &centre, &drag);
+            if let Some(drag) = self.work.needles.drags[needle] {
+                settled &= self.push_loose(needle, &drag, &Vector6::zeros());
             }
         }
         settled
     }
 
-    /// Moves a needle that nobody holds as the wrench of the last solve does against `drag`, about `centre`; whether it is at rest.
+    /// Moves a needle that nobody holds by `ahead`, and as the wrench of the last solve does against a drag about a point; whether it
+    /// is at rest.
     pub(super) fn push_loose(
         &mut self,
         needle: usize,
-        centre: &Vector3<f64>,
-        drag: &Vector6<f64>,
+        (centre, drag): &(Vector3<f64>, Vector6<f64>),
+        ahead: &Vector6<f64>,
     ) -> bool {
         let part = &self.sources.needles[needle].needle;
         let length = part.shape.length_m();
@@ -74,7 +99,15 @@ impl Balance<'_> {
                 wrench += Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
             }
         }
-        let step = wrench.component_div(drag);
+        for push in &self.work.needles.pushes {
+            if push.needle == needle {
+                let force = push.direction * self.state.grasp.lambda()[push.row];
+                let moment = (push.at_m - centre).cross(&force);
+                wrench += Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
+            }
+        }
+        // A whole step of Newton's: what falls, and what holds it up, may each be far more.
+        let step = ahead + wrench.component_div(drag);
         let shift: Vector3<f64> = step.fixed_rows::<3>(0).into();
         let turn: Vector3<f64> = step.fixed_rows::<3>(3).into();
         let size = shift.norm() / self.sources.piece_m + turn.norm() / MOST_LOOSE_TURN;
@@ -118,61 +151,94 @@ impl Balance<'_> {
         Some((centre / f64::from(count), drag))
     }
 
-    /// Lets loose needles give way in the compliance: what falls, and others if `loosens`.
-    fn loosen(&mut self, loosens: bool) {
+    /// Where points of needles are pressed on.
+    fn find_arms(&mut self) {
         let mut arms = std::mem::take(&mut self.work.needles.arms);
         arms.clear();
-        arms.extend(
-            self.work
-                .needles
-                .points
-                .iter()
-                .zip(&self.work.set.anchors)
-                .map(|(point, at)| {
-                    if point.what == What::Cut {
-                        // It holds along the needle only, and may lie beside it.
-                        return self.position_of(at);
-                    }
-                    let pose = &self.state.each[point.needle].pose;
-                    self.sources.needles[point.needle]
-                        .needle
-                        .at(pose)
-                        .at(point.alpha)
-                }),
-        );
+        let points = self.work.needles.points.iter();
+        arms.extend(points.zip(&self.work.set.anchors).map(|(point, at)| {
+            if point.what == What::Cut {
+                // It holds along the needle only, and may lie beside it.
+                return self.position_of(at);
+            }
+            let pose = &self.state.each[point.needle].pose;
+            let needle = &self.sources.needles[point.needle].needle;
+            needle.at(pose).at(point.alpha)
+        }));
         self.work.needles.arms = arms;
+    }
+
+    /// Rows of a needle, each with where it acts.
+    fn loose_rows(needles: &NeedleWork, needle: usize) -> impl Iterator<Item = LooseRow> + Clone {
+        let points = needles.points.iter().zip(&needles.arms);
+        let own = points.filter(move |(point, _)| point.needle == needle);
+        let of_points = own.flat_map(|(point, arm)| {
+            let rows = point.first_row..point.first_row + 3;
+            rows.map(|row| LooseRow { row, at: *arm })
+        });
+        let pushes = needles.pushes.iter();
+        let pushes = pushes.filter(move |push| push.needle == needle);
+        of_points.chain(pushes.map(|push| LooseRow {
+            row: push.row,
+            at: push.at_m,
+        }))
+    }
+
+    /// Targets of the rows of a needle that gives way go on to where it would be without them.
+    fn aim_loose(&mut self, needle: usize) {
+        let (Some((centre, _)), Some(by)) = (self.yields(needle), self.free_by(needle)) else {
+            return;
+        };
+        let BalanceWork { set, needles, .. } = &mut *self.work;
+        for own in Self::loose_rows(needles, needle) {
+            let row = &mut set.rows[own.row];
+            row.target_m += own.jacobian(&row.direction.into(), &centre).dot(&by);
+        }
+    }
+
+    /// Lets loose needles give way in the compliance: what yields, and others if `loosens`.
+    fn loosen(&mut self, loosens: bool) {
         for needle in 0..self.state.each.len() {
             if self.state.each[needle].grip.is_some() {
                 continue;
             }
-            self.work.needles.drags[needle] = match self.work.needles.falling[needle] {
-                Some(_) => self.withstands(needle),
+            self.work.needles.drags[needle] = match self.work.needles.yielding[needle] {
+                Some(_) => self.yields(needle),
                 None if loosens => self.drag(needle),
                 None => None,
             };
-            let Some((centre, drag)) = self.work.needles.drags[needle] else {
-                continue;
-            };
-            let n = self.work.count();
-            let BalanceWork {
-                system,
-                set,
-                needles,
-                ..
-            } = &mut *self.work;
-            let (points, arms) = (&needles.points, &needles.arms);
-            let jacobian = |row: usize| {
-                let along = Vector3::from(set.rows[row].direction);
-                let turn = (arms[row / 3] - centre).cross(&along);
-                Vector6::new(along.x, along.y, along.z, turn.x, turn.y, turn.z)
-            };
-            let own = 3 * points.len();
-            let w = system.compliance_mut(n);
-            for j in (0..own).filter(|row| points[row / 3].needle == needle) {
-                let given = jacobian(j).component_div(&drag);
-                for i in (0..own).filter(|row| points[row / 3].needle == needle) {
-                    w[n * j + i] += jacobian(i).dot(&given);
-                }
+            self.add_loose(needle, 1.0);
+        }
+    }
+
+    /// Adds what a needle that nobody holds gives way by in this solve to the compliance, `part` times.
+    fn add_loose(&mut self, needle: usize, part: f64) {
+        let Some((centre, drag)) = self.work.needles.drags[needle] else {
+            return;
+        };
+        let n = self.work.count();
+        let BalanceWork {
+            system,
+            set,
+            needles,
+            ..
+        } = &mut *self.work;
+        let own = Self::loose_rows(needles, needle);
+        let jacobian = |own: &LooseRow| own.jacobian(&set.rows[own.row].direction.into(), &centre);
+        let w = system.compliance_mut(n);
+        for j in own.clone() {
+            let given = jacobian(&j).component_div(&drag) * part;
+            for i in own.clone() {
+                w[n * j.row + i.row] += jacobian(&i).dot(&given);
+            }
+        }
+    }
+
+    /// Has needles that nobody holds give way in the compliance of the last solve, or not.
+    pub(crate) fn hold_loose(&mut self, holds: bool) {
+        for needle in 0..self.state.each.len() {
+            if self.state.each[needle].grip.is_none() {
+                self.add_loose(needle, if holds { -1.0 } else { 1.0 });
             }
         }
     }

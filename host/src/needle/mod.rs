@@ -21,6 +21,7 @@ mod source;
 mod state;
 mod surface;
 mod walk;
+mod yielding;
 
 pub(crate) use fall::LONGEST_FALL_S;
 pub use hierarchy::{Capsule, Hierarchy, MOST_GROUPS, Slack};
@@ -38,6 +39,7 @@ pub use state::CrossingFriction;
 pub(crate) use state::{Grip, NeedleState, Tip};
 pub(crate) use surface::{Lie, cone, friction_of};
 pub use walk::{Stop, Walked, walk, walk_back};
+pub(crate) use yielding::Push;
 
 /// Places on a curve that are nearer than this to each other \[m\] may be in either order by rounding alone:
 /// 1e-9 of its length, which for faces nearly along the curve is still far above rounding, and far

@@ -6,11 +6,11 @@
 //! with alpha on an arc: the axial target is `w.s(alpha_k) + alpha_0 - alpha_k`, whose delta is the whole slide since
 //! alpha_0.
 
-use super::fall::Falling;
 use super::model::MAX_NEEDLES;
 use super::relax::Relaxation;
 use super::state::{NeedleState, Tip};
 use super::surface::{Lie, cone};
+use super::yielding::{Push, Yielding};
 use super::{Crossing, History, NeedleTissue};
 use crate::anchors::{AnchorPoint, ConstraintSet, PointConstraint};
 use crate::mesh::HalfFaces;
@@ -19,7 +19,7 @@ use crate::rows::RowKind;
 use crate::source::{Room, Source};
 use crate::step::{Balance, BalanceWork, Felt, Sources, Status, unloaded};
 use crate::tool::ToolSample;
-use nalgebra::{Isometry3, Vector3, Vector6};
+use nalgebra::{Isometry3, Matrix6, Vector3, Vector6};
 
 /// A slide is known well enough when it changes by less than this part of the needle \[1\].
 const SLIDE_TOLERANCE: f64 = 3e-8;
@@ -95,8 +95,12 @@ pub(crate) struct NeedleWork {
     relaxations: Vec<Relaxation>,
     /// Where each free needle turns about in the last solve, and its drag.
     pub(super) drags: Vec<Option<(Vector3<f64>, Vector6<f64>)>>,
-    /// Of each needle that falls.
-    pub(super) falling: Vec<Option<Falling>>,
+    /// Of each needle that falls, or is pushed.
+    pub(super) yielding: Vec<Option<Yielding>>,
+    /// Where bodies press on them, or may, in this solve.
+    pub pushes: Vec<Push>,
+    /// How those on which bodies may press give way but for these, and about which point \[m\], (6 x 6).
+    pub responses: Vec<Option<(Vector3<f64>, Matrix6<f64>)>>,
     /// For as long they fall in this step \[s\].
     pub fall_s: f64,
 }
@@ -124,7 +128,9 @@ impl NeedleWork {
                 .map(|_| Relaxation::new(most_crossings))
                 .collect(),
             drags: vec![None; count],
-            falling: vec![None; count],
+            yielding: vec![None; count],
+            pushes: Vec::with_capacity(4 * sources.pairs.len()),
+            responses: vec![None; count],
             fall_s: 0.0,
         }
     }
@@ -144,12 +150,12 @@ impl Source for NeedleSource {
         }
         let relaxations = &mut balance.work.needles.relaxations;
         relaxations.iter_mut().for_each(Relaxation::begin);
-        balance.begin_fall();
+        balance.begin_to_yield();
     }
 
     /// Rows of every needle at its pose and present slides.
     fn append(&self, balance: &mut Balance) {
-        balance.let_fall();
+        balance.let_yield();
         let BalanceWork { set, needles, .. } = &mut *balance.work;
         needles.points.clear();
         let mesh = &balance.sources.mesh;
@@ -282,7 +288,7 @@ impl Source for NeedleSource {
     }
 
     fn accept(&self, balance: &mut Balance) {
-        balance.end_fall();
+        balance.end_to_yield();
         balance.book();
         balance.follow_surface();
         balance.follow_bodies();
@@ -361,11 +367,14 @@ impl Balance<'_> {
             work.took[index] = false;
             work.pressed[index] = false;
             state.pose = *pose;
-            let falls = played.is_none() && state.falls(&self.sources.needles[index]);
-            let gives = falls && work.fall_s > 0.0;
-            work.falling[index] = gives.then(|| Falling::to(*pose, work.fall_s));
             if let Tip::Inside { cut: Some(cut) } = &mut state.tip {
                 cut.pressed = true;
+            }
+        }
+        for (index, pose) in poses.iter().enumerate().take(self.state.each.len()) {
+            if played.is_none_or(|played| played == index) {
+                let yielding = played.is_none().then(|| self.yielding(index, pose));
+                self.work.needles.yielding[index] = yielding.flatten();
             }
         }
         self.stick();

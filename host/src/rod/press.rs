@@ -21,7 +21,7 @@ const FOUND: f64 = 1e-15;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Side {
     /// On its curve \[m\], (3).
-    at: Vector3<f64>,
+    pub at: Vector3<f64>,
     /// Unit tangent there, and how that turns along the curve \[1/m\], (3) each.
     along: Vector3<f64>,
     bend: Vector3<f64>,
@@ -124,10 +124,15 @@ impl Drawn<'_> {
     }
 }
 
-impl Nearest {
-    /// Of two rods, of which one at least is straight. Of several places that are as near, one: a straight rod over an arc that it
-    /// crosses twice is nearest to it at one of these.
-    pub fn find(rods: [&Rod; 2]) -> Self {
+/// Two rods, of which one at least is straight, and which of them is the other.
+struct Rods<'a> {
+    rods: [&'a Rod; 2],
+    drawn: [Drawn<'a>; 2],
+    bent: usize,
+}
+
+impl<'a> Rods<'a> {
+    fn new(rods: [&'a Rod; 2]) -> Self {
         let sum_m = rods[0].radius_m + rods[1].radius_m;
         let drawn = rods.map(|rod| Drawn {
             curve: &rod.curve,
@@ -135,27 +140,70 @@ impl Nearest {
             even: EVEN * (2.0 * sum_m / rod.front_m).powi(2),
         });
         let bent = usize::from(rods[1].curve.bends());
-        let (own, other) = (&drawn[bent], &drawn[1 - bent]);
+        Self { rods, drawn, bent }
+    }
+
+    fn sides(&self) -> (&Drawn<'a>, &Drawn<'a>) {
+        (&self.drawn[self.bent], &self.drawn[1 - self.bent])
+    }
+
+    /// What is nearest on each stretch of the one that may bend.
+    fn by_stretch(&self) -> impl Iterator<Item = ([f64; 2], Pair)> {
+        let (own, other) = self.sides();
+        let stretches = self.rods[self.bent].stretches();
+        stretches.map(move |stretch| (stretch, own.nearest(stretch, other)))
+    }
+
+    fn at(&self, pair: &Pair) -> Nearest {
+        let side = |place: usize| {
+            let alpha = pair.alphas[usize::from(place != self.bent)];
+            self.drawn[place].side(alpha, self.rods[place].radius_m)
+        };
+        Nearest {
+            sides: [side(0), side(1)],
+            far_m: pair.square.sqrt(),
+        }
+    }
+}
+
+impl Nearest {
+    /// Of two rods, of which one at least is straight. Of several places that are as near, one: a straight rod over an arc that it
+    /// crosses twice is nearest to it at one of these.
+    pub fn find(rods: [&Rod; 2]) -> Self {
+        let rods = Rods::new(rods);
+        let (own, other) = rods.sides();
         let mut best = own.pair(0.0, other);
-        for stretch in rods[bent].stretches() {
-            let found = own.nearest(stretch, other);
+        for (_, found) in rods.by_stretch() {
             if found.square < best.square {
                 best = found;
             }
         }
-        let side = |place: usize| {
-            let alpha = best.alphas[usize::from(place != bent)];
-            drawn[place].side(alpha, rods[place].radius_m)
-        };
-        Self {
-            sides: [side(0), side(1)],
-            far_m: best.square.sqrt(),
+        rods.at(&best)
+    }
+
+    /// Every place where they are nearer than beside it, of which one is where they are nearest.
+    pub fn visit(both: [&Rod; 2], mut visit: impl FnMut(&Self)) {
+        let rods = Rods::new(both);
+        let front_m = rods.sides().0.front_m;
+        for ([from, to], found) in rods.by_stretch() {
+            let alpha = found.alphas[0];
+            // What is nearest at the edge of a stretch is nearer in the next.
+            let goes_on = (alpha == from && from > 0.0)
+                || (alpha == to && to < front_m && found.slope != 0.0);
+            if !goes_on {
+                visit(&rods.at(&found));
+            }
         }
     }
 
     /// How deep they are in each other \[m\]; below zero as far as they are apart.
     pub fn depth_m(&self) -> f64 {
-        self.sides[0].radius_m + self.sides[1].radius_m - self.far_m
+        self.radii_m() - self.far_m
+    }
+
+    /// Both radii \[m\].
+    pub fn radii_m(&self) -> f64 {
+        self.sides[0].radius_m + self.sides[1].radius_m
     }
 
     /// From the second to the first.
@@ -217,6 +265,13 @@ impl Press {
         let (stretch_m, _) = self.stretch_m();
         let square = self.depth_m().powi(2) + stretch_m.norm_squared();
         0.5 * self.stiffness_n_per_m * square
+    }
+
+    /// Where one of the two is pressed on \[m\], and what the force on it is per force of the pair: nearly the normal.
+    pub fn pushes(&self, own: usize) -> (Vector3<f64>, Vector3<f64>) {
+        let way = self.near.way() / self.near.far_m.max(f64::MIN_POSITIVE);
+        let sign = if own == 0 { 1.0 } else { -1.0 };
+        (self.near.sides[own].at, way * sign)
     }
 
     /// Force and moment about `grip` on one of the two, and their derivative by left increments of its pose about that, (6) and (6 x 6).

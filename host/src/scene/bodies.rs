@@ -51,7 +51,7 @@ pub(super) fn read_body_contacts(
     Ok((laps, pairs))
 }
 
-/// A warning for each needle that a body is to press on while no other tool holds it: nothing of that is felt, and it does not move.
+/// A warning for each needle that a body is to press on while its own tool holds it: nothing of that is felt.
 pub(super) fn idle_pairs(
     document: &Document,
     sections: &[Spanned<BodyContactSection>],
@@ -65,16 +65,12 @@ pub(super) fn idle_pairs(
             _ => return None,
         };
         let holds = &needles.iter().find(|other| other.id == needle)?.holds;
-        let (hold, who) = holds.iter().find_map(|hold| match hold.tool {
-            None => Some((hold, "nobody holds".to_owned())),
-            Some(own) if own == tool => Some((hold, format!("tool {own} itself holds"))),
-            Some(_) => None,
-        })?;
+        let hold = holds.iter().find(|hold| hold.tool == Some(tool))?;
         let message = format!(
-            "from {} s on {who} needle {needle}: the body of tool {tool} does not press on it meanwhile",
+            "from {} s on tool {tool} itself holds needle {needle}: its body does not press on that meanwhile",
             hold.time_s
         );
-        let help = "a needle is pressed on while another tool holds it; one that nobody holds is gone through, and stays";
+        let help = "a needle is pressed on while another tool holds it, or none";
         Some(document.warning(section.span(), &message, "not all the time", help))
     };
     sections.iter().filter_map(idle).collect()

@@ -110,14 +110,15 @@ impl std::ops::Add for Room {
 }
 
 /// Sources whose rows are on points; those that a scene adds come after them.
-pub(crate) const ON_POINTS: [&dyn Source; 6] = [
+pub(crate) const ON_POINTS: [&dyn Source; 7] = [
     &NeedleSource,
     &TissueContactSource,
     &ToolSource,
     &HandleSource,
     &JawsSource,
     &BarSource,
+    &PairSource,
 ];
 
 /// Sources whose rows are on ways, or that have none.
-pub(crate) const ON_WAYS: [&dyn Source; 3] = [&ThreadSource, &FreeNeedleSource, &PairSource];
+pub(crate) const ON_WAYS: [&dyn Source; 2] = [&ThreadSource, &FreeNeedleSource];

@@ -145,8 +145,7 @@ impl TangentWork {
         }
     }
 
-    /// Factors the derivative of a balance.
-    pub fn factor(&mut self, balance: &mut Balance) {
+    fn factor_rows(&mut self, balance: &mut Balance) {
         let n = balance.work.count();
         let tools = &balance.state.tools;
         self.touched.clear();
@@ -536,6 +535,33 @@ impl TangentWork {
                 add(tangent, pose, &force, &moment);
             }
         }
+    }
+
+    /// Factors the derivative of a balance, with how needles give way that bodies press on and nobody holds: that is found first, with
+    /// them at rest, as what turns with them does not give way.
+    pub fn factor(&mut self, balance: &mut Balance) {
+        balance.work.needles.responses.fill(None);
+        let count = balance.state.each.len();
+        if (0..count).any(|needle| balance.responds(needle)) {
+            balance.hold_loose(true);
+            self.factor_rows(balance);
+            for needle in 0..count {
+                if !balance.responds(needle) {
+                    continue;
+                }
+                let moves = Moves {
+                    needle: &|other| other == needle,
+                    tool: None,
+                    jaws: None,
+                    bar: None,
+                };
+                let rows = |centre: &Vector3<f64>| -self.differentiate(balance, centre, moves, &[]);
+                let response = balance.response(needle, rows);
+                balance.work.needles.responses[needle] = response;
+            }
+            balance.hold_loose(false);
+        }
+        self.factor_rows(balance);
     }
 
     /// Stiffness of every needle against its slide, and of all jaws against being pulled on \[N/m\]: if all stuck, and as it is.

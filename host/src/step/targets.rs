@@ -72,7 +72,8 @@ impl Targets {
             let held = each
                 .grip
                 .and_then(|grip| Some(pose_of(of(grip.tool)?)? * grip.needle));
-            let falls_to = each.fall(part, fall_s, sources.piece_m);
+            let is_near = each.is_near || state.passes(Obstacle::Needle(index));
+            let falls_to = each.fall(part, fall_s, (sources.piece_m, is_near));
             targets.falls_from[index] = falls_to.map(|_| each.pose);
             targets.needles[index] = held.or(falls_to).unwrap_or(each.pose);
         }
@@ -125,7 +126,8 @@ impl Targets {
             if self.falls_from[index].is_some() {
                 // Of all its way, whatever bore it on the one that is done.
                 let far = (1.0 - self.done) * each.falls_by(own, target, self.fall_s);
-                let piece_m = match own.body && each.is_near {
+                let nears = each.is_near || state.passes(Obstacle::Needle(index));
+                let piece_m = match own.body && nears {
                     true => own.body_piece_m(),
                     false => sources.piece_m * EDGE_PIECES,
                 };

@@ -150,12 +150,14 @@ impl ThreadState {
 impl Balance<'_> {
     /// A body where it is; nothing for one that has not been anywhere, and for a needle that nobody holds.
     pub(crate) fn obstacle(&self, with: Obstacle) -> Option<Rod> {
-        match with {
+        self.carrier(with).and_then(|_| self.body(with))
+    }
+
+    /// A body where it is, whoever has it there; nothing for one that has not been anywhere.
+    pub(crate) fn body(&self, of: Obstacle) -> Option<Rod> {
+        match of {
             Obstacle::Bar(bar) => self.bar_rod(bar),
-            Obstacle::Needle(needle) => {
-                let is_held = self.state.each[needle].grip.is_some();
-                self.shaft_rod(needle).filter(|_| is_held)
-            }
+            Obstacle::Needle(needle) => self.shaft_rod(needle),
         }
     }
 

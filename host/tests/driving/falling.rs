@@ -145,6 +145,45 @@ fn on_tissue_it_comes_to_rest_with_its_weight() {
     }
 }
 
+/// However long a step is, it lands, with a few solves in each piece of its way, and lies where it is at rest.
+#[test]
+fn at_any_rate_it_lands() {
+    let needle = arc(0.0095, 170.0);
+    let start = frame([-0.0093, 0.0013, 0.02], [0.05, 0.2, -1.0], [1.0, 0.1, 0.2]);
+    for step_us in [2000, 8000, 16_000, 50_000] {
+        let (mut bench, _) = let_go(needle, &start, &UnitQuaternion::identity());
+        let (mut most, mut deepest_m) = (0, 0.0f64);
+        let mut step = |bench: &mut Bench| {
+            bench.time_us += step_us;
+            let (before, sample) = (pose(bench), bench.sample());
+            let report = bench.follow(&[sample]);
+            assert!(
+                report.status.has_balance(),
+                "{step_us}: {:?}",
+                report.status
+            );
+            bench.look(&report);
+            most = most.max(report.solves);
+            let after = pose(bench);
+            let nodes = bench.state.positions(&bench.model);
+            let curve = needle.at(&after);
+            let shaft_m = curve.length - 3.4e-3;
+            let places = (0..=200).map(|place| curve.at(shaft_m * f64::from(place) / 200.0));
+            deepest_m = deepest_m.max(overlap_of(&bench.mesh, &nodes, places, 0.5 * THICKNESS_M));
+            (after.translation.vector - before.translation.vector).norm()
+        };
+        let steps = (2_000_000 / step_us).max(250);
+        let last_m = (0..steps).map(|_| step(&mut bench)).last().expect("some");
+        println!("{step_us} us: {most} solves, {deepest_m:e} m deep, {last_m:e} m at last");
+        // A fiftieth of an edge while it lands.
+        assert!(
+            most <= 100 && deepest_m < 0.02 * 3.3e-3,
+            "{most} {deepest_m}"
+        );
+        assert!(last_m < 1e-6, "{last_m}");
+    }
+}
+
 /// Turned with its gravity all is the same.
 #[test]
 fn a_turned_fall_is_the_same() {

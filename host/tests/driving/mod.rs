@@ -13,6 +13,7 @@ mod grips;
 mod handles;
 mod pairs;
 mod playback;
+mod pushes;
 mod slips;
 mod tangent;
 mod waiting;

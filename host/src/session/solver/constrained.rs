@@ -6,7 +6,7 @@ use super::super::SolveError;
 use crate::contact::shape::Solid;
 use crate::model::Model;
 use crate::scene::{Pose, Scene, SceneError};
-use crate::script::{Path, at_rest, outside};
+use crate::script::{Fall, Path, at_rest, outside};
 use crate::step::{State, Status, StepOptions, StepReport, Workspace, step, try_step};
 use crate::tool::{Tool, ToolSample};
 use crate::wound::Wound;
@@ -59,7 +59,8 @@ impl Constrained {
     /// Computes the columns of what the tool `driven` and needles come by on `path`. Returns of how many vertices there are
     /// some now.
     pub fn prepare(&mut self, path: &Path, driven: Option<u8>) -> usize {
-        let edge_m = self.model.surface().mean_edge_m;
+        let surface = self.model.surface();
+        let edge_m = surface.mean_edge_m;
         let needles_m = PREPARED_EDGES * edge_m + PREPARED_MARGIN_M;
         let touching = driven.and_then(|id| self.model.tool(id));
         let touching = touching.filter(|(_, tool)| !tool.is_grip());
@@ -70,6 +71,13 @@ impl Constrained {
                 .map(|place| Solid::new(tool, edge_m, &place))
                 .collect()
         });
+        let faces_a_fall = |(vertex, normal): (&u32, &[f64; 3])| {
+            let at = Vector3::from(self.model.points_m()[*vertex as usize]);
+            let lands = |fall: &Fall| fall.lands_on(&at, &Vector3::from(*normal));
+            path.falls.iter().any(lands).then_some(at)
+        };
+        let vertices = surface.vertices.iter().zip(&surface.normals);
+        let lain_on_m: Vec<Vector3<f64>> = vertices.filter_map(faces_a_fall).collect();
         let near = |vertex: [f64; 3]| {
             let vertex = Vector3::from(vertex);
             let touched = |solid: &Solid| {
@@ -82,7 +90,7 @@ impl Constrained {
             };
             solids.iter().any(touched)
                 || path.needles.iter().any(pierced)
-                || path.pads.iter().any(held)
+                || path.pads.iter().chain(&lain_on_m).any(held)
         };
         let count = self.work.prepare(&self.model, near);
         tracing::info!("compliance of {count} vertices computed beforehand");

@@ -193,8 +193,12 @@ impl SceneSolver {
             .map_or(0.0, |point| f64::from(point.time_s));
         let ways = scene.tools.iter().filter_map(|tool| tool.way.as_ref());
         let ends = ways.filter_map(|way| way.stops().last());
+        let holds = scene.needles.iter().flat_map(|needle| &needle.holds);
+        let times = ends
+            .map(|stop| stop.time_s)
+            .chain(holds.map(|hold| hold.time_s));
         // Afterwards everything rests.
-        let end_s = ends.fold(hand_s, |end, stop| end.max(stop.time_s));
+        let end_s = times.fold(hand_s, f64::max);
         let (end_s, apart_m) = (end_s.min(plan.seconds), Self::apart_m(scene));
         let path = path(scene, end_s, PREPARED_EVERY_S, apart_m);
         self.prepare(&path);

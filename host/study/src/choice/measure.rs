@@ -268,8 +268,7 @@ fn prepared(scene: &Scene, asked: &Asked<'_>, way: &[[f64; 3]]) -> Result<SceneS
     });
     solver.prepare(&Path {
         grips: grips.collect(),
-        needles: Vec::new(),
-        pads: Vec::new(),
+        ..Path::default()
     });
     solver.reduce_to(plan.most_rows(), 2.0 / plan.host_hz);
     Ok(solver)
