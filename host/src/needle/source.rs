@@ -14,7 +14,7 @@ use super::yielding::{Push, Yielding};
 use super::{Crossing, History, NeedleTissue};
 use crate::anchors::{AnchorPoint, ConstraintSet, PointConstraint};
 use crate::mesh::HalfFaces;
-use crate::rod::MOST_TOUCHES;
+use crate::rod::{MOST_PLACES, MOST_TOUCHES};
 use crate::rows::RowKind;
 use crate::source::{Room, Source};
 use crate::step::{Balance, BalanceWork, Felt, Sources, Status, unloaded};
@@ -129,7 +129,7 @@ impl NeedleWork {
                 .collect(),
             drags: vec![None; count],
             yielding: vec![None; count],
-            pushes: Vec::with_capacity(4 * sources.pairs.len()),
+            pushes: Vec::with_capacity(MOST_PLACES * sources.pairs.len()),
             responses: vec![None; count],
             fall_s: 0.0,
         }

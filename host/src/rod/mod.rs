@@ -15,7 +15,7 @@ mod touch;
 pub(crate) use bar::BarState;
 pub use bar::{Bar, BarPart};
 pub use pair::{BodyContact, STIFFEST_PAIR_N_PER_M};
-pub(crate) use pair::{PairPart, PairSource, PairState};
+pub(crate) use pair::{MOST_PLACES, PairPart, PairSource, PairState};
 pub(crate) use shape::{PIECE_RADII, Rod};
 pub(crate) use source::{BarSource, BarWork};
 pub(crate) use touch::{CORRECTED, MOST_TOUCHES, OVERLAP, Swept, Touch, TouchWork};

@@ -18,7 +18,7 @@ use serde::Serialize;
 /// Bit of a row's id that no other source's rows have.
 const ID: u64 = 1 << 55;
 /// Places at which one of a pair has rows at most.
-const MOST_PLACES: usize = 4;
+pub(crate) const MOST_PLACES: usize = 4;
 /// Within so many mean edges of each other two bodies go in small pieces: twice what one goes at once where nothing is near.
 const NEAR_EDGES: f64 = 2.0;
 
