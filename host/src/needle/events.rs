@@ -221,12 +221,21 @@ impl Balance<'_> {
             .or_else(|| {
                 let from = self.work.needles.tips[needle] - curve.tangent_at(curve.length) * back;
                 self.first_face(&Curve::segment(&from, &tip)?)
-            });
+            })
+            .or_else(|| self.overrun(curve));
         let Some(hit) = hit else {
             return false;
         };
         self.take(needle, hit);
         true
+    }
+
+    /// The face under which tissue has come over a tip that was outside, however far that has gone itself: as seen from behind the tip, whence
+    /// it would have come.
+    fn overrun(&mut self, curve: &Curve) -> Option<Crossing> {
+        let tip = curve.at(curve.length);
+        let behind = tip - curve.tangent_at(curve.length) * self.sources.edge_m();
+        self.covers(&behind, &tip)
     }
 
     /// A tip that let go of a face without having left the tissue, as it was dragged along it, comes in from

@@ -11,6 +11,7 @@ mod falling;
 mod force;
 mod grips;
 mod handles;
+mod overrun;
 mod pairs;
 mod playback;
 mod pushes;
