@@ -117,7 +117,7 @@ pub struct ThreadSummary {
     /// What has been broken off \[m\], if it has broken.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub broken_off_m: Option<f64>,
-    /// What holds it between its ends, from the tail on.
+    /// What holds it between its ends, from the tail on; what has the head, too, as long as the needle beyond is held.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub hands: Vec<HandSummary>,
     /// What it presses on tissue at each passage, from the tail on \[Pa\].

@@ -249,7 +249,7 @@ impl Balance<'_> {
         }
     }
 
-    /// Every place but the nearest at which a needle that nobody holds is nearer to the other body than beside that: it would rock from
+    /// Every close place but the nearest at which a needle that nobody holds is nearer to the other body than beside that: it would rock from
     /// one to the other.
     fn beside(&self, pair: usize, nearest: &Press, mut visit: impl FnMut(&Press)) {
         let between = self.sources.pairs[pair].between;
@@ -262,7 +262,7 @@ impl Balance<'_> {
         let at = |near: &Nearest| near.sides[0].at;
         let mut left = MOST_PLACES - 1;
         Nearest::visit([&one, &other], |near| {
-            if left > 0 && at(near) != at(&nearest.near) {
+            if left > 0 && near.is_close() && at(near) != at(&nearest.near) {
                 left -= 1;
                 visit(&Press {
                     near: *near,
@@ -359,19 +359,18 @@ impl Balance<'_> {
             };
             let mut add = |press: &Press| {
                 let (at_m, direction) = press.pushes(side);
-                let apart_m = -press.near.depth_m();
-                if apart_m < press.near.radii_m() {
-                    add(Push {
-                        needle,
-                        row: 0,
-                        at_m,
-                        direction,
-                        apart_m,
-                        gives_m_per_n: press.stiffness_n_per_m.recip(),
-                    });
-                }
+                add(Push {
+                    needle,
+                    row: 0,
+                    at_m,
+                    direction,
+                    apart_m: -press.near.depth_m(),
+                    gives_m_per_n: press.stiffness_n_per_m.recip(),
+                });
             };
-            add(&press);
+            if press.near.is_close() {
+                add(&press);
+            }
             self.beside(pair, &press, add);
         }
     }

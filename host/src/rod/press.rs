@@ -201,8 +201,13 @@ impl Nearest {
         self.radii_m() - self.far_m
     }
 
+    /// Whether they press, or are apart by less than both radii.
+    pub fn is_close(&self) -> bool {
+        -self.depth_m() < self.radii_m()
+    }
+
     /// Both radii \[m\].
-    pub fn radii_m(&self) -> f64 {
+    fn radii_m(&self) -> f64 {
         self.sides[0].radius_m + self.sides[1].radius_m
     }
 

@@ -188,7 +188,7 @@ impl State {
         let path = self.thread_path(model, thread, &self.positions(model));
         let outer = |point: &ThreadPoint| Vector3::from(point.at_m);
         if end == ThreadEnd::Span {
-            let nearest = nearest_outside(&path, &Vector3::from(*to));
+            let nearest = nearest_outside(&path, &Vector3::from(*to), false);
             return nearest.map(|nearest| nearest.at.into());
         }
         let pair = match end {

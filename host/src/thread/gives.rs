@@ -130,8 +130,7 @@ impl ThreadState {
     /// \[m\]; whether it is the thread that gives way.
     pub(super) fn give_way(&mut self, part: &ThreadPart, ends: [f64; 2]) -> bool {
         let shared = self.tension_at_tail();
-        let portion = self.portion(0);
-        let lacking = self.needed_m(part, &portion) - self.material_m(&portion);
+        let lacking = self.lacking_m(part, shared);
         if lacking <= LENGTH_M || shared < self.bound_n - NO_TENSION_N {
             return false;
         }

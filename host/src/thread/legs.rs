@@ -182,6 +182,7 @@ impl ThreadState {
             let far = [(coming.aim_m, from), (leaving.aim_m, to)];
             let around = lap.look(&far.map(|(aim, far)| aim + (far - aim) * part));
             for (end, leg) in [coming, leaving].into_iter().enumerate() {
+                settled &= leg.has_its_tension();
                 leg.aim_n += (leg.tension_n - leg.aim_n) * part;
                 leg.lead(&around, end, far[end].0 + (far[end].1 - far[end].0) * part);
                 let off_n = (leg.force - leg.along * leg.tension_n).norm();

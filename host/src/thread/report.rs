@@ -209,8 +209,13 @@ pub(crate) struct Outside {
     pub faces: usize,
 }
 
-/// The point of what lies outside that is nearest to a place \[m\]; what is slack counts as straight.
-pub(crate) fn nearest_outside(path: &[ThreadPoint], to: &Vector3<f64>) -> Option<Outside> {
+/// The point of what lies outside that is nearest to a place \[m\]; what is slack counts as straight. `is_held` says whether the path's end
+/// withstands a pull: then it gives nothing of what the way to the hand lacks.
+pub(crate) fn nearest_outside(
+    path: &[ThreadPoint],
+    to: &Vector3<f64>,
+    is_held: bool,
+) -> Option<Outside> {
     let at = |point: &ThreadPoint| Vector3::from(point.at_m);
     let is_face = |point: &&ThreadPoint| {
         !matches!(
@@ -241,15 +246,22 @@ pub(crate) fn nearest_outside(path: &[ThreadPoint], to: &Vector3<f64>) -> Option
             if nearest.is_none_or(|(least_m, _)| distance_m < least_m) {
                 let part = (gone_m + share * way.norm()) / total_m.max(f64::MIN_POSITIVE);
                 let [begin, end] = [path[first].along_m, path[last].along_m];
-                let (held, needed_m) = if is_taut {
-                    (point, 0.0)
+                let before_m = gone_m + from.metric_distance(to);
+                let after_m = total_m - gone_m - way.norm() + until.metric_distance(to);
+                let most_m = match is_held && last + 1 == path.len() {
+                    true => end - begin - after_m,
+                    false => f64::INFINITY,
+                };
+                let even_m = part * (end - begin);
+                let (held, along_m) = if is_taut || before_m > most_m {
+                    (point, even_m)
                 } else {
-                    (*to, gone_m + from.metric_distance(to))
+                    (*to, even_m.max(before_m).min(most_m))
                 };
                 let outside = Outside {
                     at: point,
                     held,
-                    along_m: begin + (part * (end - begin)).max(needed_m),
+                    along_m: begin + along_m,
                     faces: path[..=first].iter().filter(is_face).count(),
                 };
                 nearest = Some((distance_m, outside));
@@ -388,7 +400,8 @@ impl Balance<'_> {
         let mut between = strands.iter();
         let mut before = between.next().unwrap_or(index);
         for after in between {
-            if before == head {
+            // One at the head is between ends as long as the needle is held beyond it.
+            if before == head && self.state.threads[after].segments.is_empty() {
                 break;
             }
             if self.state.threads[after].goes_on() {

@@ -194,9 +194,12 @@ fn row_id(thread: usize, class: u64, key: (u32, u32), axis: u64) -> u64 {
 impl ThreadState {
     /// Whether anything but the thread's own slide withstands a pull.
     pub fn pulls(&self, part: &ThreadPart, head_held: bool) -> bool {
+        if self.passed.is_empty() {
+            return head_held && self.is_tail_in_hand();
+        }
         let held = self.is_head_held(head_held) && (self.is_tail_held() || part.drags());
         let draws = self.tightened.is_some() || self.welded.is_some();
-        !self.passed.is_empty() && (held || draws)
+        held || draws
     }
 
     /// Whether the friction of a span, which is then a passage, has a row.
@@ -236,19 +239,17 @@ impl ThreadState {
         known.clone_from(&self.segments);
         self.segments.clear();
         self.spans.clear();
-        let Some(first) = self.passed.first().map(|first| first.crossing) else {
-            return;
+        let in_hand = self.is_tail_in_hand();
+        let tail = (None, self.tail.at, self.tail.alpha);
+        let first = self.passed.first().map(|first| first.crossing);
+        let next = match (first, head) {
+            (Some(first), _) if first.enters => Some((Some(0), Vector3::zeros(), first.alpha)),
+            // No tissue between two hands.
+            (None, Some(head)) => Some((None, head, self.head.alpha)),
+            _ => None,
         };
-        let has_place = matches!(self.tail.by, ThreadHold::Place(_) | ThreadHold::Tool(_));
-        if has_place && first.enters {
-            let from = (None, self.tail.at, self.tail.alpha);
-            self.add_span(
-                ground,
-                known,
-                from,
-                (Some(0), Vector3::zeros(), first.alpha),
-                &at,
-            );
+        if let Some(to) = next.filter(|_| in_hand) {
+            self.add_span(ground, known, tail, to, &at);
         }
         self.lay_through(ground, head, known, &at);
     }
@@ -617,7 +618,9 @@ impl ThreadState {
             } else if pull > NO_TENSION_N {
                 let straight = segment.way * (pull / length.max(f64::MIN_POSITIVE));
                 let off_n = (segment.force - straight).norm();
-                off_n <= STRAIGHT * pull.max(1e-3) || off_n * length <= ACROSS_M * pull
+                let is_along =
+                    off_n <= STRAIGHT * pull.max(1e-3) || off_n * length <= ACROSS_M * pull;
+                is_along && segment.has_its_tension()
             } else {
                 true
             };
@@ -778,6 +781,13 @@ impl Segment {
         }
         self.along = self.aim_m / size;
         self.length_m = size - short;
+    }
+
+    /// Whether it was solved with the tension that was found, if it leads to no tissue: its direction is then known without, how stiff it is across
+    /// is not.
+    pub(super) fn has_its_tension(&self) -> bool {
+        let is_bare = matches!(self.ends, [End::Held(_), End::Held(_)]);
+        !is_bare || (self.aim_n - self.tension_n).abs() <= STRAIGHT * self.tension_n
     }
 
     /// The pull on its first end, or its way if it does not pull.

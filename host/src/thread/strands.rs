@@ -8,6 +8,7 @@ use super::gives::LEFT_M;
 use super::model::{MAX_STRANDS, MOST_HANDS, ThreadEnd, ThreadHold};
 use super::nearest_outside;
 use super::report::place_of;
+use super::segments::LENGTH_M;
 use super::state::{Hold, ThreadState};
 use crate::needle::anchor;
 use crate::step::{Sources, SourcesState};
@@ -383,7 +384,8 @@ impl SourcesState {
         let mut nearest: Option<(f64, Place)> = None;
         for strand in self.strands(thread).iter() {
             let path = self.strand_places(sources, nodes_m, strand);
-            let Some(outside) = nearest_outside(&path, at) else {
+            let is_held = self.is_end_held(sources, strand);
+            let Some(outside) = nearest_outside(&path, at, is_held) else {
                 continue;
             };
             let far_m = outside.at.metric_distance(at);
@@ -405,7 +407,16 @@ impl SourcesState {
         nearest.map(|(_, place)| place)
     }
 
-    /// Where a hand at `at` takes the head: without slack behind the last face.
+    /// Whether the end of a strand on the side of the head withstands a pull.
+    fn is_end_held(&self, sources: &Sources, strand: usize) -> bool {
+        let needle = &self.each[sources.threads.needle_of(strand)];
+        let is_led = sources.threads.is_led(strand);
+        self.threads[strand].is_head_held(is_led && needle.grip.is_some())
+            || self.threads[strand].head.by.is_hand()
+    }
+
+    /// Where a hand at `at` takes the head: without slack behind the last face, or before the needle if there is none; where that is too
+    /// far from the needle in another hand as a span.
     fn head_span(
         &self,
         sources: &Sources,
@@ -414,10 +425,20 @@ impl SourcesState {
         at: &Vector3<f64>,
     ) -> Option<Place> {
         let led = self.threads.get(thread)?;
-        let along_m = led.passed.last().map_or(0.0, |last| {
-            let near = place_of(nodes_m, &anchor(&sources.mesh, &last.crossing));
-            (last.crossing.alpha + at.metric_distance(&near)).min(0.0)
-        });
+        let path = self.strand_places(sources, nodes_m, thread);
+        let is_held = self.is_end_held(sources, thread);
+        let end_m = Vector3::from(path.last()?.at_m).metric_distance(at);
+        let needed_m = if is_held { end_m } else { 0.0 };
+        let along_m = match led.passed.last() {
+            Some(last) => {
+                let near = place_of(nodes_m, &anchor(&sources.mesh, &last.crossing));
+                (last.crossing.alpha + at.metric_distance(&near)).min(0.0)
+            }
+            None => (-needed_m).max(led.tail.alpha),
+        };
+        if along_m + needed_m > LENGTH_M {
+            return self.nearest_span(sources, nodes_m, thread, at);
+        }
         Some(Place {
             strand: thread,
             faces: led.passed.len(),

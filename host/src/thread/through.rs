@@ -20,6 +20,9 @@ pub(super) const FOLLOWS: f64 = 1e-4;
 /// A passage multiplies the tension by no more, which is e^5.7: what is before it then is hardly felt, and solves that go on to tell it from none
 /// find no end.
 const MOST_GROWN: f64 = 300.0;
+/// Least that a strand gives way by between two hands with no tissue between them \[m/N\]: the grips do, by about as much as a finger's pad. What
+/// is stiffer than 2000 N/m no hand could hold at a tension that is not that at which it gives way.
+const BARE_M_PER_N: f64 = 5e-4;
 /// Faces inside of which every one can be a point of the path; of more only some are.
 const MOST_FACES: usize = 128;
 
@@ -146,12 +149,13 @@ impl ThreadState {
         compliance: &mut [f64],
     ) {
         let soft = part.through.axial_stiffness_n.recip();
-        if soft == 0.0 || self.segments.is_empty() {
+        let bare = self.bare_m_per_n(part);
+        if self.segments.is_empty() || soft + bare == 0.0 {
             return;
         }
         let mut add = |row: usize, column: usize, by: f64| {
             if let Some(entry) = compliance.get_mut(n * column + row) {
-                *entry += by * soft;
+                *entry += by;
             }
         };
         let mut row = first;
@@ -159,7 +163,8 @@ impl ThreadState {
             let first = row;
             if self.is_portion_held(&portion, is_held) {
                 let spans = self.spans[portion.clone()].iter();
-                add(row, row, spans.map(|span| span.material_m).sum());
+                let all_m: f64 = spans.map(|span| span.material_m).sum();
+                add(row, row, all_m * soft + bare);
                 row += 1;
             }
             for place in portion {
@@ -168,13 +173,22 @@ impl ThreadState {
                 }
                 let beyond = self.beyond_m(place);
                 for before in first..row {
-                    add(row, before, beyond);
-                    add(before, row, beyond);
+                    add(row, before, beyond * soft);
+                    add(before, row, beyond * soft);
                 }
                 let own = self.own_m(place, |share| share * share - share);
-                add(row, row, beyond + own);
+                add(row, row, (beyond + own) * soft);
                 row += 1;
             }
+        }
+    }
+
+    /// What a strand between two hands gives way by beyond its stretch \[m/N\].
+    fn bare_m_per_n(&self, part: &ThreadPart) -> f64 {
+        let all_m = self.head.alpha - self.tail.alpha;
+        match self.passed.is_empty() {
+            true => (BARE_M_PER_N - all_m / part.through.axial_stiffness_n).max(0.0),
+            false => 0.0,
         }
     }
 
@@ -226,6 +240,7 @@ impl ThreadState {
             let shared = self.spans[portion.start].shared_n;
             let gives_way = shared >= self.most_n(part, portion) - NO_TENSION_N;
             beyond -= self.loose_m([portion.start == 0, portion.end == self.spans.len()]);
+            beyond -= self.bare_m_per_n(part) * shared;
             settled &= (gives_way || beyond <= LENGTH_M)
                 && (shared <= NO_TENSION_N || beyond >= -LENGTH_M);
         }
@@ -347,10 +362,14 @@ impl ThreadState {
         })
     }
 
-    /// Thread that a portion takes with the tensions that there are, unstretched \[m\]; what is slack keeps what it has.
-    pub(super) fn needed_m(&self, part: &ThreadPart, portion: &Range<usize>) -> f64 {
+    /// Thread that the first portion, whose tension at the tail is `shared`, takes beyond what there is of it, unstretched \[m\]; what is slack
+    /// keeps what it has.
+    pub(super) fn lacking_m(&self, part: &ThreadPart, shared: f64) -> f64 {
+        let portion = self.portion(0);
         let taken = |place: usize| self.taken_m(part, place, &self.spans[place], 0.0);
-        portion.clone().map(taken).sum()
+        let taken_m: f64 = portion.clone().map(taken).sum();
+        let bare_m = self.bare_m_per_n(part) * shared / stretch(part, shared);
+        taken_m - bare_m - self.material_m(&portion)
     }
 
     /// Whether a span begins and ends at one point of tissue.

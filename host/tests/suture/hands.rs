@@ -224,7 +224,12 @@ fn a_hand_has_one_place() {
     bench.other.translation.vector = between;
     hold(&mut bench, ThreadEnd::Span, ThreadHold::Tool(1));
     let report = bench.step_both();
-    // Beyond it is the needle alone: it holds the head.
+    // Beyond it is the needle alone: it holds the head, from what tool 0 has of it.
+    assert_eq!(report.threads()[0].held_by, [None, Some(1)]);
+    assert_eq!(only_hand(&report).tool, Some(1));
+    // Let go that is nothing.
+    assert!(bench.hold(0, None));
+    let report = bench.step_both();
     assert_eq!(report.threads()[0].held_by, [None, Some(1)]);
     assert!(report.hands().is_empty(), "{:?}", report.hands());
     let samples = [bench.sample_of(0), bench.sample_of(1)];

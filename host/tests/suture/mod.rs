@@ -8,6 +8,7 @@ mod friction;
 mod gives;
 mod hands;
 mod hanging;
+mod in_the_air;
 mod laps;
 mod least;
 mod one_length;

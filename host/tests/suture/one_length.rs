@@ -41,7 +41,7 @@ pub(super) fn sides(at: &[f64; 3]) -> bool {
     at[0].abs() > 0.0149
 }
 
-fn threaded(
+pub(super) fn threaded(
     (mesh, held): (TetMesh, Vec<u32>),
     (needle, start): (Needle, nalgebra::Isometry3<f64>),
     part: ThreadPart,
@@ -126,6 +126,31 @@ fn a_straight_thread_locks() {
     let report = go(&mut bench, Vector3::new(0.0, 0.0, 0.0035));
     assert_eq!(report.threads()[0].state, ThreadTension::Slack);
     assert!(bench.largest_displacement_m() < 1e-12);
+}
+
+/// What does not stretch pulls at once with what its grip holds, or breaks.
+#[test]
+fn a_straight_thread_that_does_not_stretch_locks() {
+    for grip_n in [1.5, f64::INFINITY] {
+        let mut bench = locked(Through {
+            grip_n,
+            ..INEXTENSIBLE
+        });
+        bench.step_both();
+        for k in 1..=5 {
+            let report = go(&mut bench, Vector3::new(0.0, 0.0, -2e-4));
+            let most_n = if k == 1 {
+                part(INEXTENSIBLE).strength_n
+            } else {
+                0.0
+            };
+            let expected = if grip_n.is_finite() { grip_n } else { most_n };
+            assert!((pull_n(&report) - expected).abs() < 1e-9, "{k} {report:?}");
+            assert!(bench.largest_displacement_m() < 1e-12);
+        }
+        let is_broken = bench.step_both().threads()[0].broken_off_m.is_some();
+        assert_eq!(is_broken, grip_n.is_infinite());
+    }
 }
 
 /// The grip lets the thread slip at what it holds, and no further.
