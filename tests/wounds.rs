@@ -623,6 +623,41 @@ fn a_console_9_cm_away_holds_nothing() {
     );
 }
 
+/// Between its needle's tool and a place that are farther apart than it is long a thread breaks at once; the check says so before.
+#[test]
+fn a_thread_that_is_too_short_is_told_of() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../scenes/thread-over-shaft.toml");
+    let text = std::fs::read_to_string(path).unwrap();
+    let long = "length_m = 0.0808\n";
+    assert_eq!(text.matches(long).count(), 1);
+    // It stretches by four sevenths before it breaks, and is held 51 mm from its needle at first.
+    for (short, breaks) in [("length_m = 0.04\n", false), ("length_m = 0.03\n", true)] {
+        let text = text.replace(long, short);
+        std::fs::write(directory.path().join("short.toml"), text).unwrap();
+        let checked = sutura_in(directory.path(), &["scene", "check", "short.toml"]);
+        assert_eq!(checked.code, 0, "{}", checked.stderr);
+        // Once the needle is through.
+        let said = "mm long, and its ends are held 64.6 mm from each other at 3.20 s";
+        assert!(checked.stderr.contains(said), "{}", checked.stderr);
+        let arguments = [
+            "run",
+            "short.toml",
+            "--lockstep",
+            "--seconds",
+            "0.3",
+            "--format",
+            "json",
+        ];
+        let ran = sutura_in(directory.path(), &arguments);
+        assert_eq!(ran.code, 0, "{}", ran.stderr);
+        let summary: Value = serde_json::from_str(&ran.stdout).unwrap();
+        let events = summary["scene"]["events"].as_array().unwrap();
+        let broke = events.iter().any(|event| event["event"] == "broke");
+        assert_eq!(broke, breaks, "{events:?}");
+    }
+}
+
 /// A thread in weak grips slips through them: the session tells it in one event an end and time, which add up to what has slipped.
 #[test]
 fn what_slips_in_a_session_is_told() {

@@ -1,4 +1,4 @@
-//! Whether scripts bring hands to what they are to hold.
+//! Whether scripts bring hands to what they are to hold, and no farther from each other than a thread between them is long.
 //!
 //! Entry point: [`out_of_reach`]. Needles go with who holds them, as in the open; where a thread hangs nobody knows, but it has
 //! not been where its needle's end has not been.
@@ -6,7 +6,7 @@
 use super::document::{Document, Flaw};
 use super::hand::position_at;
 use super::{Needle, Thread, Tool};
-use crate::thread::ThreadHold;
+use crate::thread::{ThreadEnd, ThreadHold};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use sutura_scene_file::scene::NeedleSection;
 use sutura_scene_file::wound::ThreadSection;
@@ -69,9 +69,30 @@ pub(super) fn out_of_reach(
                 let span = section.get_ref().hold[place].span();
                 warnings.push(warning(document, span, &what, tool, &nearest));
             }
+            if let Some((place, far)) = scripts.too_far(thread, needle, &stints) {
+                let span = section.get_ref().hold[place].span();
+                warnings.push(too_short(document, span, thread, &far));
+            }
         }
     }
     warnings
+}
+
+fn too_short(
+    document: &Document,
+    span: std::ops::Range<usize>,
+    thread: &Thread,
+    far: &Nearest,
+) -> Flaw {
+    let message = format!(
+        "thread {} is {:.1} mm long, and its ends are held {:.1} mm from each other at {:.2} s: it slips or breaks",
+        thread.part.id,
+        1e3 * thread.part.length_m,
+        1e3 * far.distance_m,
+        far.at_s
+    );
+    let help = "give the thread more `length_m`, or hold its tail nearer to its needle";
+    document.warning(span, &message, "too far from the needle", help)
 }
 
 fn warning(
@@ -207,6 +228,52 @@ impl<'a> Scripts<'a> {
             }
         }
         (Some(stints), missed)
+    }
+
+    /// The first hold of a thread's tail by which its ends are farther from each other than it is long without breaking, while its needle is
+    /// held, and how far they are at most.
+    fn too_far(
+        &self,
+        thread: &Thread,
+        needle: &Needle,
+        stints: &[Stint],
+    ) -> Option<(usize, Nearest)> {
+        let part = &thread.part;
+        let most_m = part.length_m * (1.0 + part.strength_n / part.through.axial_stiffness_n);
+        let tails = || {
+            let all = thread.holds.iter().enumerate();
+            all.filter(|(_, hold)| hold.end == ThreadEnd::Tail)
+        };
+        tails().find_map(|(place, hold)| {
+            let next = tails().find(|(later, _)| *later > place);
+            let until_s = next.map(|(_, next)| next.time_s);
+            let mut far = Nearest {
+                distance_m: 0.0,
+                at_s: hold.time_s,
+            };
+            for time_s in self.looks(hold.time_s, until_s) {
+                let tail = match hold.by {
+                    ThreadHold::Place(at) => Vector3::from(at),
+                    ThreadHold::Tool(tool) => {
+                        self.pose(self.tool(tool)?, time_s)?.translation.vector
+                    }
+                    _ => return None,
+                };
+                let stint = stints.iter().rfind(|stint| stint.from_s <= time_s)?;
+                if stint.tool.is_none() {
+                    continue;
+                }
+                let end = needle.needle.at(&self.at(stint, time_s)?).start;
+                let distance_m = end.metric_distance(&tail);
+                if distance_m > far.distance_m {
+                    far = Nearest {
+                        distance_m,
+                        at_s: time_s,
+                    };
+                }
+            }
+            (far.distance_m > most_m).then_some((place, far))
+        })
     }
 
     /// Holds of a thread's ends that are not taken, as its needle has never been there.
