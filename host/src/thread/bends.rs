@@ -11,6 +11,9 @@ use nalgebra::Vector3;
 
 /// A bend that has wandered along its edge by less than this part of it stays where it is.
 const WANDER: f64 = 0.05;
+/// Of its edge's length: a string that bends over the one of two rims that touch, so near to each other, bends over the other one too, else it
+/// would press down the one and the other in turn.
+const BESIDE: f64 = 0.1;
 /// Normals of both ends that add up to less leave no plane to bend in.
 const LEAST_UP: f64 = 0.5;
 
@@ -21,6 +24,13 @@ const LONGEST_BRIDGE: f64 = 2.0 / LEAST_UP;
 /// thread with more than that to spare is taken for slack, which is wrong of one that is held behind a body that is thin
 /// against its width.
 const LONGEST_WAY: f64 = std::f64::consts::FRAC_PI_2;
+
+/// An end of the edge that a bend is on.
+fn corner(bend: &AnchorPoint, end: usize) -> AnchorPoint {
+    let mut weights = [0.0; 4];
+    weights[end] = 1.0;
+    AnchorPoint { weights, ..*bend }
+}
 
 /// Scratch.
 pub(crate) struct BendWork {
@@ -99,6 +109,45 @@ impl ThreadState {
         (!inside).then_some(up)
     }
 
+    /// Adds bends that a span had, and presses on, to those that are found for it, if one of these is over the other one of two rims that touch.
+    /// The span leads `from` a place `to` another one, `up` out of the tissue.
+    fn keep_beside(
+        &self,
+        key: u32,
+        [from, to, up]: [&Vector3<f64>; 3],
+        place: &impl Fn(&AnchorPoint) -> Vector3<f64>,
+        work: &mut BendWork,
+    ) {
+        for (_, old) in work.former.iter().filter(|(of, _)| *of == key) {
+            let [a, b] = [0, 1].map(|end| place(&corner(old, end)));
+            let near_m = BESIDE * a.metric_distance(&b);
+            let there = place(old);
+            let is_beside = |bend: &AnchorPoint| {
+                bend.nodes != old.nodes && place(bend).metric_distance(&there) < near_m
+            };
+            let is_found = work.new.iter().any(|bend| bend.nodes == old.nodes);
+            let has_room = work.new.len() < work.new.capacity();
+            if is_found || !has_room || !work.new.iter().any(is_beside) {
+                continue;
+            }
+            if self.presses(key, old, up) {
+                let along = |bend: &AnchorPoint| (place(bend) - from).dot(&(to - from));
+                let before = work.new.iter().take_while(|bend| along(bend) < along(old));
+                let before = before.count();
+                work.new.insert(before, *old);
+            }
+        }
+    }
+
+    /// Whether a span presses on the tissue where it bends, as the last solve has it.
+    fn presses(&self, key: u32, bend: &AnchorPoint, up: &Vector3<f64>) -> bool {
+        let pairs = self.segments.iter().zip(self.segments.iter().skip(1));
+        let mut own = pairs.filter(|(one, next)| one.key.0 == key && next.key.0 == key);
+        own.any(|(one, next)| {
+            one.ends[1] == End::Tissue(*bend) && (next.force - one.force).dot(up) < 0.0
+        })
+    }
+
     /// Where spans bend over tissue whose nodes are at `at` \[m\]; `over` finds bends of a chord, with the way out of
     /// the tissue, and the edges that its span bent over before. Whether that is elsewhere than before.
     pub fn bend(
@@ -162,6 +211,7 @@ impl ThreadState {
                 }
             }
             over([&start, &to, &up], &work.edges, &mut work.new);
+            self.keep_beside(key, [&from, &to, &up], &place, work);
             for bend in &work.new {
                 if self.bends.len() + outside >= MOST_BENDS {
                     break;

@@ -226,6 +226,17 @@ impl Sewn {
 
 /// A session by its scripts from a step on, up to a time; the next step.
 fn follow(scene: &Scene, solver: &mut SceneSolver, from: u64, until_s: f64) -> u64 {
+    look_at(scene, solver, from, until_s, |_| {})
+}
+
+/// The same with a look at each step.
+fn look_at(
+    scene: &Scene,
+    solver: &mut SceneSolver,
+    from: u64,
+    until_s: f64,
+    mut look: impl FnMut(&StepReport),
+) -> u64 {
     let hand = scene.hand.as_ref().expect("a hand");
     let hz = scene.host.host_hz;
     let last = (until_s * hz).round() as u64;
@@ -243,8 +254,32 @@ fn follow(scene: &Scene, solver: &mut SceneSolver, from: u64, until_s: f64) -> u
             report = solver.step(sample);
         }
         assert_eq!(report.status, Status::Ok, "{time_s} s");
+        look(&report);
     }
     last + 1
+}
+
+/// Where two rims touch under a thread it presses on both: with the one or the other in turn the tension went to and fro by a fortieth, with hands
+/// that stay where they are.
+#[test]
+fn over_two_rims_that_touch_a_thread_is_at_rest() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data");
+    let name = "wound-by-hand.toml";
+    let text = std::fs::read_to_string(root.join(name)).expect("a scene");
+    let scene = Scene::read(&Document::embedded(name, &root, &text), name).expect("good");
+    let mut solver = SceneSolver::new(&scene).expect("a solver");
+    // The needle is brought back through the air.
+    let next = follow(&scene, &mut solver, 0, 8.4);
+    let (mut tensions, mut most) = (Vec::new(), 0);
+    look_at(&scene, &mut solver, next, 8.7, |report| {
+        let thread = report.threads()[0];
+        most = most.max(thread.wraps);
+        tensions.push(thread.tension_n[0]);
+    });
+    assert!(most > 3, "{most}");
+    for pair in tensions.windows(2) {
+        assert!((pair[1] / pair[0] - 1.0).abs() < 2e-3, "{tensions:?}");
+    }
 }
 
 /// Two slabs, drawn until they press.
