@@ -9,7 +9,7 @@ mod seeds;
 
 pub use seeds::Cases;
 
-use crate::run::{Beside, Tool, target};
+use crate::run::{Beside, Tool, root, target};
 use crate::toolchain::{Toolchain, host};
 use crate::{aarch64, book, firmware, locks, python, setup};
 use anyhow::{Context, Result, bail};
@@ -222,7 +222,9 @@ fn tests(report: &mut Report, cases: Cases) {
     let run = cases.of(workspace(&words));
     let again = run.shown();
     report.step(Kind::Tests, "tests", &again, |report| {
-        let path = target()?.join("nextest").join(profile).join(TEST_REPORT);
+        // The runner keeps it there wherever cargo builds.
+        let reports = root().join("target/nextest");
+        let path = reports.join(profile).join(TEST_REPORT);
         // That of an earlier run, if there is one.
         let _ = std::fs::remove_file(&path);
         let ran = run.run();
