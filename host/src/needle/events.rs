@@ -246,14 +246,23 @@ impl Balance<'_> {
         tip: &Vector3<f64>,
         by: f64,
     ) -> Option<Vector3<f64>> {
-        let [a, b, c] = self
-            .sources
-            .mesh
-            .vertices(face.face)
-            .map(|node| self.position(node));
-        let out = (b - a).cross(&(c - a)).try_normalize(0.0)?;
-        let depth = out.dot(&(a - tip));
+        let (depth, out) = self.depth(face, tip)?;
         (depth > 0.0).then(|| tip + out * (depth + by))
+    }
+
+    /// How far a point is inside of a boundary face, where that is now, and the way out; `None` of a face without an area.
+    fn depth(&self, face: &Crossing, at: &Vector3<f64>) -> Option<(f64, Vector3<f64>)> {
+        let corners = self.sources.mesh.vertices(face.face);
+        let [a, b, c] = corners.map(|node| self.position(node));
+        let out = (b - a).cross(&(c - a)).try_normalize(0.0)?;
+        Some((out.dot(&(a - at)), out))
+    }
+
+    /// Whether a point is farther than `by` beyond a boundary face, as seen from where the tip came to it. What was moved since the tip touched
+    /// it is met elsewhere on the tip's way.
+    fn is_beyond(&self, face: &Crossing, at: &Vector3<f64>, by: f64) -> bool {
+        self.depth(face, at)
+            .is_none_or(|(depth, _)| by < if face.enters { depth } else { -depth })
     }
 
     /// The boundary face that a point in the tissue is under, seen from a point outside; `None` if there is no
@@ -333,7 +342,7 @@ impl Balance<'_> {
         // What lies close behind is met from here.
         self.work.needles.tips[needle] = point;
         if self.sources.settings.playback == Playback::EveryPose && !free {
-            self.replay(needle)?;
+            self.replay(needle, &face)?;
         } else {
             self.play_back(needle, &face, &point, &curve)?;
         }
@@ -342,7 +351,7 @@ impl Balance<'_> {
     }
 
     /// The way since the tip touched, a balance at each of its poses.
-    pub(super) fn replay(&mut self, needle: usize) -> Result<(), Status> {
+    pub(super) fn replay(&mut self, needle: usize, face: &Crossing) -> Result<(), Status> {
         let mut poses = [Isometry3::identity(); MAX_NEEDLES];
         for (pose, state) in poses.iter_mut().zip(self.state.each.iter()) {
             *pose = state.pose;
@@ -356,7 +365,14 @@ impl Balance<'_> {
         for (index, pose) in (1..played).zip(&mut way) {
             *pose = *log.get(index * logged / played).unwrap_or(pose);
         }
-        for pose in &way[..played] {
+        let part = &self.sources.needles[needle].needle;
+        let length = part.shape.length_m();
+        let is_before = |pose: &&Isometry3<f64>| {
+            !self.is_beyond(face, &part.at(pose).at(length), BACK * length)
+        };
+        // The last one is where the needle is.
+        let before = way[..played - 1].iter().take_while(is_before).count();
+        for pose in &way[before..played] {
             poses[needle] = *pose;
             // Nobody's hand does this work.
             let from = self.state.each[needle].pose;
@@ -400,6 +416,9 @@ impl Balance<'_> {
             };
             // The tip cuts where it comes for the first time.
             if (next - here).dot(&forward) <= 0.0 && index < played {
+                continue;
+            }
+            if first.is_some() && !self.is_beyond(face, &next, BACK * length) {
                 continue;
             }
             let Some(path) = Curve::segment(&here, &next) else {

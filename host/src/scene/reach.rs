@@ -231,7 +231,7 @@ impl<'a> Scripts<'a> {
     }
 
     /// The first hold of a thread's tail by which its ends are farther from each other than it is long without breaking, while its needle is
-    /// held, and how far they are at most.
+    /// held and nothing has cut it, and how far they are at most.
     fn too_far(
         &self,
         thread: &Thread,
@@ -244,6 +244,7 @@ impl<'a> Scripts<'a> {
             let all = thread.holds.iter().enumerate();
             all.filter(|(_, hold)| hold.end == ThreadEnd::Tail)
         };
+        let cut_s = thread.cuts.first().map_or(f64::INFINITY, |cut| cut.time_s);
         tails().find_map(|(place, hold)| {
             let next = tails().find(|(later, _)| *later > place);
             let until_s = next.map(|(_, next)| next.time_s);
@@ -251,7 +252,8 @@ impl<'a> Scripts<'a> {
                 distance_m: 0.0,
                 at_s: hold.time_s,
             };
-            for time_s in self.looks(hold.time_s, until_s) {
+            let looks = self.looks(hold.time_s, until_s);
+            for time_s in looks.take_while(|time_s| *time_s < cut_s) {
                 let tail = match hold.by {
                     ThreadHold::Place(at) => Vector3::from(at),
                     ThreadHold::Tool(tool) => {

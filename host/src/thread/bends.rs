@@ -110,7 +110,7 @@ impl ThreadState {
     }
 
     /// Adds bends that a span had, and presses on, to those that are found for it, if one of these is over the other one of two rims that touch.
-    /// The span leads `from` a place `to` another one, `up` out of the tissue.
+    /// The piece of the span that is looked at leads `from` a place `to` another one, `up` out of the tissue.
     fn keep_beside(
         &self,
         key: u32,
@@ -130,8 +130,10 @@ impl ThreadState {
             if is_found || !has_room || !work.new.iter().any(is_beside) {
                 continue;
             }
-            if self.presses(key, old, up) {
-                let along = |bend: &AnchorPoint| (place(bend) - from).dot(&(to - from));
+            let way = to - from;
+            let along = |bend: &AnchorPoint| (place(bend) - from).dot(&way);
+            let is_own = (0.0..way.norm_squared()).contains(&along(old));
+            if is_own && self.presses(key, old, up) {
                 let before = work.new.iter().take_while(|bend| along(bend) < along(old));
                 let before = before.count();
                 work.new.insert(before, *old);
@@ -200,6 +202,7 @@ impl ThreadState {
                     (Some(leg), [End::Held(on), _]) if leg.leaves => start = on,
                     (Some(leg), [_, End::Held(on)]) => {
                         over([&start, &on, &up], &work.edges, &mut work.new);
+                        self.keep_beside(key, [&start, &on, &up], &place, work);
                         let mut laps = self.laps.iter_mut().filter(|lap| lap.is_on);
                         if let Some(lap) =
                             laps.find(|lap| lap.key == span.key && lap.with == leg.with)
@@ -211,7 +214,7 @@ impl ThreadState {
                 }
             }
             over([&start, &to, &up], &work.edges, &mut work.new);
-            self.keep_beside(key, [&from, &to, &up], &place, work);
+            self.keep_beside(key, [&start, &to, &up], &place, work);
             for bend in &work.new {
                 if self.bends.len() + outside >= MOST_BENDS {
                     break;

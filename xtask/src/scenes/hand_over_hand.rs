@@ -55,7 +55,7 @@ const DRAWS: [Draw; 4] = [
 /// How far the tail is given back at the end \[m\].
 const TAIL_BACK_M: f64 = 0.0015;
 /// The needle: how far from the tissue it is drawn first, how far at the end, and how far of that it is given back \[m\].
-const NEEDLE_M: [f64; 3] = [0.020, 0.012, 0.003];
+const NEEDLE_M: [f64; 3] = [0.020, 0.0095, 0.003];
 
 /// How far from where they go in, or come out, spans are taken by who draws, by the console, and by who keeps them \[m\].
 const TAKEN_M: f64 = 0.006;
