@@ -12,7 +12,7 @@ use crate::jaws::Gripped;
 use crate::needle::{Curve, Point, Tip, What, friction_of};
 use crate::rows::{Mode, RowKind};
 use crate::source::tool::{Contact, Load, Touched, Turns};
-use crate::thread::EndRows;
+use crate::thread::{EndRows, Tie};
 use crate::tool::ToolSample;
 use nalgebra::{Matrix6, Vector3, Vector6};
 use sutura_factor::{Dense, Lu};
@@ -38,6 +38,8 @@ pub(crate) struct TangentWork {
     free: Vec<bool>,
     /// Rows of needles whose multiplier follows the way along them, and by how much \[N/m\].
     follow: Vec<(usize, f64)>,
+    /// Of rows of threads at a bound, which answer what others do, not a motion.
+    ties: Vec<Tie>,
     /// Whether it is the Cholesky factor.
     symmetric: bool,
 }
@@ -141,6 +143,7 @@ impl TangentWork {
             swung: vec![0.0; 6 * most_rows],
             free: Vec::with_capacity(most_rows),
             follow: Vec::with_capacity(most_rows),
+            ties: Vec::with_capacity(2 * most_rows),
             symmetric: false,
         }
     }
@@ -162,11 +165,13 @@ impl TangentWork {
             return;
         }
         self.turns = balance.turn_normals(Turns::Smooth);
+        balance.tie_threads(&mut self.ties);
         let (balance, work) = (&*balance, &*balance.work);
         self.find_laws(balance);
         let slides = self.touched.iter().any(|(_, touched)| touched.slides())
             || work.jaws.points.iter().any(|point| point.slips);
-        self.symmetric = !slides && self.follow.is_empty();
+        let follows = !self.follow.is_empty() || self.ties.iter().any(|tie| tie.less != 0.0);
+        self.symmetric = !slides && !follows;
         if self.symmetric {
             self.gather(work, 0.0);
             let matrix = &mut self.matrix[..n * n];
@@ -183,7 +188,7 @@ impl TangentWork {
         let (work, grasp) = (&*balance.work, &balance.state.grasp);
         let n = work.count();
         let w = compliance(self.turns, work);
-        // Rows of threads and of tissues that touch act or do not; a bound that follows other forces comes after.
+        // Rows of threads and of tissues that touch act or do not, or are tied to others that act.
         let of_points = 3 * work.needles.points.len();
         let (lambda, modes) = (grasp.lambda(), grasp.modes());
         let free = (0..n).map(|row| {
@@ -202,6 +207,10 @@ impl TangentWork {
         });
         self.free.clear();
         self.free.extend(free);
+        self.ties.iter().for_each(|tie| self.free[tie.row] = true);
+        for tie in self.ties.iter().filter(|tie| tie.less != 0.0) {
+            self.free[tie.row] = w[tie.row * (n + 1)] == 0.0;
+        }
         for row in work.tools.rows.clone() {
             let tangent = |row: usize| work.set.rows.get(row).map(|row| row.kind);
             if row > 0 && tangent(row) == Some(RowKind::Tangent) {
@@ -254,6 +263,14 @@ impl TangentWork {
         }
         for gripped in &work.jaws.points {
             gripped.replace(matrix, w, n);
+        }
+        for Tie { row, .. } in &self.ties {
+            (0..n).for_each(|column| matrix[n * column + row] = 0.0);
+            matrix[row * (n + 1)] = 1.0;
+        }
+        for tie in &self.ties {
+            let columns = tie.to.clone();
+            columns.for_each(|column| matrix[n * column + tie.row] = tie.less);
         }
         for (row, is_free) in self.free.iter().enumerate() {
             if *is_free {
@@ -337,6 +354,9 @@ impl TangentWork {
         self.load_rough(balance, grip, &moves);
         self.load_jaws(balance, grip, &moves);
         self.load_turned(work, pulls);
+        for change in self.change[..6 * n].chunks_exact_mut(n) {
+            self.ties.iter().for_each(|tie| change[tie.row] = 0.0);
+        }
         let (matrix, change) = (&self.matrix[..n * n], &mut self.change[..6 * n]);
         if self.symmetric {
             self.dense.solve(matrix, n, change, 6);

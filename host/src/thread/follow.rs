@@ -22,6 +22,9 @@ const MOST_ROWS: usize = 128;
 const MOST_SETS: u32 = 64;
 const ONE_BY_ONE: u32 = 16;
 
+/// What is nearer to a bound than this part of it is at it.
+const REACHED: f64 = 1e-3;
+
 /// Scratch for the rows on lengths of one thread.
 pub(crate) struct FollowWork {
     matrix: Vec<f64>,
@@ -44,6 +47,13 @@ pub(crate) struct FollowWork {
     delta_free: Vec<f64>,
 }
 
+/// How a multiplier at its bound follows others: it changes by so much less for each newton of theirs.
+pub(crate) struct Tie {
+    pub row: usize,
+    pub to: Range<usize>,
+    pub less: f64,
+}
+
 /// Rows of one portion of a thread.
 #[derive(Clone, Copy)]
 struct Portion {
@@ -52,6 +62,33 @@ struct Portion {
     end: usize,
     /// Whether the first is that of its whole length.
     is_held: bool,
+}
+
+impl Portion {
+    fn is_whole(&self, row: usize) -> bool {
+        self.is_held && row == self.first
+    }
+}
+
+/// Which rows' changes a row at one side of its bounds follows, and how much less it is for each newton of theirs.
+fn follows<'a>(
+    (rates, weights, portions): (&'a [[f64; 2]], &'a [f64], &[Portion]),
+    row: usize,
+    side: usize,
+) -> impl Iterator<Item = (Range<usize>, f64)> + use<'a> {
+    let rate = rates[row][side];
+    let portion = portions[row];
+    // The tension before a passage is the sum of all before it; the whole has a part of each passage's friction.
+    let is_whole = portion.is_whole(row);
+    let each = if is_whole {
+        portion.first + 1..portion.end
+    } else {
+        row..row + 1
+    };
+    each.map(move |of| match is_whole {
+        true => (of..of + 1, rate * weights[of]),
+        false => (portion.first..of, -rate),
+    })
 }
 
 impl FollowWork {
@@ -109,8 +146,7 @@ impl FollowWork {
 
     /// Whether a row is that of the whole length of a portion.
     fn is_whole(&self, row: usize) -> bool {
-        let portion = self.portions[row];
-        portion.is_held && row == portion.first
+        self.portions[row].is_whole(row)
     }
 
     /// How much the tension before a passage's row changes, or, for the row of the whole, what friction takes of its bound.
@@ -142,16 +178,18 @@ impl FollowWork {
                     continue;
                 }
             };
-            let rate = self.rates[row][side];
-            let Portion { first, end, .. } = self.portions[row];
-            if self.is_whole(row) {
-                for column in first + 1..end {
-                    self.matrix[column * m + row] = rate * self.weights[column];
-                }
-            } else {
-                (first..row).for_each(|column| self.matrix[column * m + row] = -rate);
+            let Self {
+                matrix,
+                rates,
+                weights,
+                portions,
+                ..
+            } = self;
+            let bounds = (&rates[..], &weights[..], &portions[..]);
+            for (columns, less) in follows(bounds, row, side) {
+                columns.for_each(|column| matrix[column * m + row] = less);
             }
-            self.matrix[row * m + row] = 1.0;
+            matrix[row * m + row] = 1.0;
             self.change[row] = self.bounds[row][side] - rows.lambda(row);
         }
         self.lu.factor(&mut self.matrix[..m * m], m);
@@ -301,13 +339,55 @@ impl ThreadState {
         work.condensed = condensed;
     }
 
-    /// The same of the portions that these spans are.
-    fn foresee_spans(
-        &mut self,
+    /// How the multipliers of this thread's rows that are at a bound, as all are after a solve and this one's from the `first` on, follow others
+    /// as the hands move on. What has slid and rests is at its bound, too: it is taken to go on.
+    pub(super) fn tie(
+        &self,
+        part: &ThreadPart,
+        is_held: bool,
+        (grasp, first): (&ConstraintState, usize),
+        work: &mut FollowWork,
+        out: &mut Vec<Tie>,
+    ) {
+        let portions = self.portions();
+        let counts = portions.map(|portion| self.length_rows(part, is_held, &portion));
+        let count: usize = counts.sum();
+        if count > work.change.len() {
+            return;
+        }
+        self.list_all_bounds(part, is_held, 0..self.spans.len(), work);
+        let bounds = (&work.rates[..], &work.weights[..], &work.portions[..]);
+        for (row, [low, high]) in work.bounds.iter().enumerate() {
+            let (Some(lambda), Some(mode)) = (
+                grasp.lambda().get(first + row),
+                grasp.modes().get(first + row),
+            ) else {
+                return;
+            };
+            let near = REACHED * high.max(-low);
+            let side = match mode {
+                Mode::AtLower => 0,
+                Mode::AtUpper => 1,
+                // What is taut begins at its lower bound, and is not slack.
+                _ if *lambda < low + near && !work.is_whole(row) => 0,
+                _ if *lambda > high - near => 1,
+                _ => continue,
+            };
+            let row_of = |row: usize| first + row;
+            out.extend(follows(bounds, row, side).map(|(to, less)| Tie {
+                row: row_of(row),
+                to: row_of(to.start)..row_of(to.end),
+                less,
+            }));
+        }
+    }
+
+    /// Bounds of the portions that these spans are.
+    fn list_all_bounds(
+        &self,
         part: &ThreadPart,
         is_held: bool,
         spans: Range<usize>,
-        rows: LengthRows,
         work: &mut FollowWork,
     ) {
         work.bounds.clear();
@@ -320,6 +400,18 @@ impl ThreadState {
             self.list_bounds(part, &portion, is_held, work);
             next = portion.end;
         }
+    }
+
+    /// The same of the portions that these spans are.
+    fn foresee_spans(
+        &mut self,
+        part: &ThreadPart,
+        is_held: bool,
+        spans: Range<usize>,
+        rows: LengthRows,
+        work: &mut FollowWork,
+    ) {
+        self.list_all_bounds(part, is_held, spans.clone(), work);
         work.modes.clear();
         work.modes
             .extend((0..work.bounds.len()).map(|row| rows.mode(row)));

@@ -29,7 +29,7 @@ mod wrap;
 
 pub(crate) use bends::BendWork;
 pub(crate) use ends::EndRows;
-pub(crate) use follow::FollowWork;
+pub(crate) use follow::{FollowWork, Tie};
 pub(crate) use lap::{Contact, Obstacle};
 pub(crate) use model::{MAX_STRANDS, MOST_HANDS, Threads};
 pub(crate) use report::nearest_outside;

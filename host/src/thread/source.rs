@@ -5,7 +5,7 @@
 use super::model::MOST_SEGMENTS;
 use super::state::Hold;
 use super::{
-    BendWork, FollowWork, Segment, Skin, ThreadHold, ThreadPart, ThreadState, Wrap, wraps,
+    BendWork, FollowWork, Segment, Skin, ThreadHold, ThreadPart, ThreadState, Tie, Wrap, wraps,
 };
 use crate::anchors::AnchorPoint;
 use crate::needle::{NeedleState, anchor};
@@ -273,6 +273,22 @@ impl Balance<'_> {
             first += thread.spread_rows(part, is_held);
         }
         settled
+    }
+
+    /// How multipliers of threads that are at a bound follow others.
+    pub(crate) fn tie_threads(&mut self, out: &mut Vec<Tie>) {
+        out.clear();
+        let mut first = self.work.set.rows.len();
+        for (index, thread) in self.state.threads.iter().enumerate() {
+            if thread.segments.is_empty() {
+                continue;
+            }
+            let is_held = self.is_held(index);
+            let part = self.sources.threads.part_of(index);
+            let solved = (&self.state.grasp, first);
+            thread.tie(part, is_held, solved, &mut self.work.threads.follow, out);
+            first += thread.spread_rows(part, is_held);
+        }
     }
 
     /// See [`ThreadState::bend_as_before`]; whether any thread does.

@@ -253,3 +253,47 @@ fn friction_holds_the_tension_back_around_turns() {
         }
     }
 }
+
+/// As the hand goes on pulling, what slides and what it presses less against follow each other, and what has slid and rests goes on.
+#[test]
+fn a_hand_feels_how_the_tension_changes_as_the_thread_slides() {
+    for friction in [0.1, 0.3, 0.5] {
+        let setup = Setup { friction, ..SETUP };
+        let mut bench = drawn(bench(setup));
+        let way = Vector3::new(0.001, 0.0005, -0.002);
+        let along = way.normalize();
+        go(&mut bench, way);
+        for rests in [0, 1, 6] {
+            for _ in 0..10 {
+                bench.grip.translation.vector += along * 5e-5;
+                bench.step_both();
+            }
+            for _ in 0..rests {
+                bench.step_both();
+            }
+            let report = bench.step_both();
+            let contact = report.contacts()[0];
+            let tangent = nalgebra::Matrix6::from(contact.tangent).transpose();
+            let exact = tangent.fixed_view::<3, 3>(0, 0) * along;
+            let mut state = bench.state.clone();
+            let mut samples = [bench.sample_of(0), bench.sample_of(1)];
+            let step_m = 2e-5;
+            for (at, along) in samples[0].position_m.iter_mut().zip(along.iter()) {
+                *at += step_m * along;
+            }
+            let next = step(
+                &bench.model,
+                &mut state,
+                &samples,
+                &StepOptions::default(),
+                &mut bench.work,
+            );
+            let force = |wrench: [f64; 6]| Vector3::from_column_slice(&wrench[..3]);
+            let found = (force(next.contacts()[0].wrench) - force(contact.wrench)) / step_m;
+            let off = (found - exact).norm() / found.norm();
+            println!("{friction} {rests}: {off:.5} of {:.1} N/m", found.norm());
+            // How the turns change is left out.
+            assert!(off < 0.015, "{friction} {rests}: {found} {exact}");
+        }
+    }
+}
