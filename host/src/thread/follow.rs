@@ -356,21 +356,21 @@ impl ThreadState {
             return;
         }
         self.list_all_bounds(part, is_held, 0..self.spans.len(), work);
+        // Where no balance was found there may be more by now than was solved for.
+        let own = first..first + work.bounds.len();
+        let (Some(lambda), Some(modes)) = (grasp.lambda().get(own.clone()), grasp.modes().get(own))
+        else {
+            return;
+        };
         let bounds = (&work.rates[..], &work.weights[..], &work.portions[..]);
         for (row, [low, high]) in work.bounds.iter().enumerate() {
-            let (Some(lambda), Some(mode)) = (
-                grasp.lambda().get(first + row),
-                grasp.modes().get(first + row),
-            ) else {
-                return;
-            };
             let near = REACHED * high.max(-low);
-            let side = match mode {
+            let side = match modes[row] {
                 Mode::AtLower => 0,
                 Mode::AtUpper => 1,
                 // What is taut begins at its lower bound, and is not slack.
-                _ if *lambda < low + near && !work.is_whole(row) => 0,
-                _ if *lambda > high - near => 1,
+                _ if lambda[row] < low + near && !work.is_whole(row) => 0,
+                _ if lambda[row] > high - near => 1,
                 _ => continue,
             };
             let row_of = |row: usize| first + row;
