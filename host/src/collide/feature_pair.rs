@@ -52,6 +52,14 @@ pub(super) fn faces_each_other(
     own.dot(normal) <= -OPPOSITE * own.norm()
 }
 
+/// Whether a face beside another one rises above that one's plane, as in a valley.
+pub(super) fn rises(face: &[u32; 3], next: &[u32; 3], at: impl Fn(u32) -> Vector3<f64>) -> bool {
+    let [a, b, c] = face.map(&at);
+    let normal = (b - a).cross(&(c - a));
+    let beyond = next.iter().filter(|node| !face.contains(node));
+    beyond.map(|node| normal.dot(&(at(*node) - a))).sum::<f64>() > 0.0
+}
+
 /// Sum of the nodes' positions times weights.
 pub(super) fn weighted(
     nodes: &[u32; 4],

@@ -6,7 +6,7 @@
 //! latter is enough: of edges only those are taken up at first that have no node of such a pair.
 
 use super::body::Pair;
-use super::feature_pair::{faces_each_other, stance, stance_along, weighted};
+use super::feature_pair::{faces_each_other, rises, stance, stance_along, weighted};
 use super::near::Nearby;
 use super::pairs::Path;
 use super::sweep::{Margin, Verdict};
@@ -107,7 +107,11 @@ impl TouchState {
         });
         let mut any = false;
         for new in found.iter() {
-            if self.pairs.iter().any(|old| says_the_same(old, new)) {
+            if self
+                .pairs
+                .iter()
+                .any(|old| says_the_same(old, new, |node| self.at[node as usize]))
+            {
                 continue;
             }
             let features = features(&new.kept);
@@ -192,15 +196,17 @@ fn features(kept: &Kept) -> [Feature; 2] {
 }
 
 /// Whether a pair that is kept holds what a new one would: the same points along nearly the same direction, or one
-/// vertex at two faces that share nodes while it is not over the new one.
-fn says_the_same(old: &Kept, new: &Found) -> bool {
+/// vertex at two faces that share nodes while it is not over the new one, unless that rises: in a valley both hold it.
+fn says_the_same(old: &Kept, new: &Found, at: impl Fn(u32) -> Vector3<f64>) -> bool {
     if old.part != new.kept.part || new.outside < -BEYOND {
         return false;
     }
     let shared = |a: &[u32; 3], b: &[u32; 3]| a.iter().any(|node| b.contains(node));
     match (&old.pair, &new.kept.pair) {
         (Pair::VertexFace(v, face), Pair::VertexFace(w, other))
-        | (Pair::FaceVertex(face, v), Pair::FaceVertex(other, w)) => v == w && shared(face, other),
+        | (Pair::FaceVertex(face, v), Pair::FaceVertex(other, w)) => {
+            v == w && shared(face, other) && !rises(face, other, at)
+        }
         _ => {
             let new = &new.kept;
             // A vertex and a face of the other body look at each other the other way round.

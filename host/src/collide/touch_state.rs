@@ -6,7 +6,7 @@
 //! a step and is made good by the next. Pairs are inequalities, so that none ever pulls.
 
 use super::body::Pair;
-use super::feature_pair::{FeaturePair, stance, weighted};
+use super::feature_pair::{FeaturePair, rises, stance, weighted};
 use super::look::TouchWork;
 use super::touch::Touching;
 use crate::anchors::{AnchorPoint, PointConstraint};
@@ -19,6 +19,8 @@ const ID: u64 = 1 << 40;
 /// How far outside its face or edge a point of contact may be and still be held there, in barycentric
 /// coordinates: as much as a separation is of an edge, twice.
 pub(super) const BEYOND: f64 = 0.01;
+/// How far beyond its face a vertex that presses on it may be in a valley, and still be held by that face beside the next one.
+const VALLEY: f64 = 0.25;
 /// Faces over which a point of contact may wander in one step.
 const WANDERED: usize = 8;
 
@@ -299,14 +301,18 @@ fn wandered(
                 most
             }
         });
-        pair = match pair {
-            Pair::VertexFace(vertex, face) => {
-                Pair::VertexFace(vertex, shells[1].across(&face, corner)?)
-            }
-            Pair::FaceVertex(face, vertex) => {
-                Pair::FaceVertex(shells[0].across(&face, corner)?, vertex)
-            }
+        let (vertex, face, next) = match pair {
+            Pair::VertexFace(vertex, face) => (vertex, face, shells[1].across(&face, corner)?),
+            Pair::FaceVertex(face, vertex) => (vertex, face, shells[0].across(&face, corner)?),
             Pair::EdgeEdge(..) => return None,
+        };
+        let presses = kept.force_n > 0.0 && pair == kept.pair;
+        if presses && stance.outside <= VALLEY && rises(&face, &next, &at) {
+            return Some((pair, stance));
+        }
+        pair = match pair {
+            Pair::VertexFace(..) => Pair::VertexFace(vertex, next),
+            _ => Pair::FaceVertex(next, vertex),
         };
         // Itself, of a body that folds.
         let [vertex, a, b, c] = pair.nodes();

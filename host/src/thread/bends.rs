@@ -9,8 +9,6 @@ use crate::anchors::AnchorPoint;
 use crate::mesh::HalfFaces;
 use nalgebra::Vector3;
 
-/// A bend that has wandered along its edge by less than this part of it stays where it is.
-const WANDER: f64 = 0.05;
 /// Of its edge's length: a string that bends over the one of two rims that touch, so near to each other, bends over the other one too, else it
 /// would press down the one and the other in turn.
 const BESIDE: f64 = 0.1;
@@ -151,12 +149,14 @@ impl ThreadState {
     }
 
     /// Where spans bend over tissue whose nodes are at `at` \[m\]; `over` finds bends of a chord, with the way out of
-    /// the tissue, and the edges that its span bent over before. Whether that is elsewhere than before.
+    /// the tissue, and the edges that its span bent over before. One that has wandered along its edge by less than `wander` of it stays where it
+    /// was, so that what is known of it does. Whether any bend is elsewhere than before.
     pub fn bend(
         &mut self,
         mesh: &HalfFaces,
         at: &[Vector3<f64>],
         work: &mut BendWork,
+        wander: f64,
         mut over: impl FnMut([&Vector3<f64>; 3], &[[u32; 2]], &mut Vec<AnchorPoint>),
     ) -> bool {
         if !self.may_bend() {
@@ -219,11 +219,10 @@ impl ThreadState {
                 if self.bends.len() + outside >= MOST_BENDS {
                     break;
                 }
-                // What has hardly moved stays, so that what is known of it does.
                 let mut same = work.former.iter().filter(|(of, _)| *of == key);
                 let near = same.find(|(_, old)| {
                     let moved = (old.weights[0] - bend.weights[0]).abs();
-                    old.nodes == bend.nodes && moved <= WANDER
+                    old.nodes == bend.nodes && moved <= wander
                 });
                 self.bends.push((key, near.map_or(*bend, |(_, old)| *old)));
             }

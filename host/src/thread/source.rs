@@ -25,6 +25,10 @@ const DAMPED: f64 = 0.5;
 const LEAST_TURN: f64 = 0.03;
 /// The same where its spans have bodies: between two edges it cuts in by a quarter of their distance times this.
 const LEAST_TURN_OF_BODY: f64 = 0.002;
+/// Part of its edge by which a bend may have wandered when it is looked for again within a balance, and stay where it was.
+const WANDER: f64 = 0.05;
+/// The same at its end. What a bend jumps is felt: 0.05 changed tensions by up to 3 % at once, 0.01 by up to 1.5 %.
+const SETTLED: f64 = 1e-3;
 /// Rounds of a balance in which spans are lifted out of the tissue.
 const MOST_LIFTS: u32 = 12;
 
@@ -120,13 +124,13 @@ impl Source for ThreadSource {
             return Ok(false);
         }
         *lifts += 1;
-        let bends = have_bodies && balance.bend_threads(|part| part.through.body);
+        let bends = have_bodies && balance.bend_threads(WANDER, |part| part.through.body);
         Ok(balance.find_laps() | bends)
     }
 
     fn accept(&self, balance: &mut Balance) {
         balance.finish_threads();
-        balance.bend_threads(|_| true);
+        balance.bend_threads(SETTLED, |_| true);
         balance.follow_laps();
     }
 
@@ -364,8 +368,8 @@ impl Balance<'_> {
     }
 
     /// Where those of the taut threads that are `meant` bend over tissue as the last solve has it; whether that is elsewhere than
-    /// before.
-    fn bend_threads(&mut self, meant: impl Fn(&ThreadPart) -> bool) -> bool {
+    /// before. Bends that have wandered by less than `wander` of their edge stay.
+    fn bend_threads(&mut self, wander: f64, meant: impl Fn(&ThreadPart) -> bool) -> bool {
         let parts = &self.sources.threads;
         let mut changed = false;
         let mut may_bend = false;
@@ -405,7 +409,7 @@ impl Balance<'_> {
                 true => LEAST_TURN_OF_BODY,
                 false => LEAST_TURN,
             };
-            changed |= thread.bend(mesh, at, bends, |[from, to, up], former, out| {
+            changed |= thread.bend(mesh, at, bends, wander, |[from, to, up], former, out| {
                 found.clear();
                 wraps(skin, at, from, to, up, (least_turn, former), found);
                 out.extend(found.iter().map(|wrap| AnchorPoint {

@@ -3,6 +3,8 @@
 use super::rig::{Blocks, Rig, moved};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use std::f64::consts::FRAC_PI_4;
+use sutura_host::collide::penetration_m;
+use sutura_host::mesh::{RawMesh, slab};
 
 /// A small block over a large one, 0.5 mm above; its top and the other's bottom are fixed.
 fn block_on_block(friction: f64) -> (Rig, Vec<u32>) {
@@ -100,6 +102,54 @@ fn ridges_across_each_other_press_at_one_point() {
         if up.z > 0.0 {
             assert!(up.xy().norm() < 0.2 * up.z, "{up}");
             assert_eq!(rig.state.pressing(), 1);
+        }
+    }
+}
+
+/// A corner over a valley of this slope on both sides, `aside` of its bottom \[m\], that is pressed down and then held: what it still moves in
+/// a step \[m\], and by how much it got inside at most, in mean edges.
+fn corner_in_a_valley(slope: f64, aside: f64) -> (f64, f64) {
+    let tip = [aside, 4e-4, slope * aside.abs() + 3e-4];
+    let base = [
+        [3e-3, 4e-4, 8e-3],
+        [-1.5e-3, 3e-3, 8e-3],
+        [-1.5e-3, -2.2e-3, 8e-3],
+    ];
+    let points = std::iter::once(tip).chain(base).collect();
+    let corner = RawMesh::new(points, vec![[0, 1, 2, 3]], Vec::new());
+    let flat = slab([0.02, 0.02, 0.01], [4, 4, 2]).expect("a slab");
+    let bent = flat.points_m().iter();
+    let bent = bent.map(|[x, y, z]| [*x, *y, z + slope * x.abs()]);
+    let valley = RawMesh::new(bent.collect(), flat.cells().to_vec(), Vec::new());
+    let bodies = [corner, valley].map(|body| body.check().expect("a mesh"));
+    let blocks = Blocks::of(bodies.into_iter().map(|body| (body, Isometry3::identity())));
+    let top = blocks.nodes(0, |at| at[2] > 0.007);
+    let mut fixed = blocks.nodes(1, |at| at[2] < slope * at[0].abs() - 0.0099);
+    fixed.extend(&top);
+    let mut rig = Rig::new(blocks, &fixed, 0.0);
+    let [one, other] = rig.faces();
+    let (mut at, mut way_m, mut inside) = (rig.at[0], 0.0, 0.0f64);
+    for step in 0..40 {
+        let depth = 1e-4 * f64::from(step.min(15));
+        rig.step(&moved(&top, [0.0, 0.0, -depth]));
+        (at, way_m) = (rig.at[0], (rig.at[0] - at).norm());
+        let deep_m = penetration_m([&one, &other], &rig.at);
+        inside = inside.max(deep_m / rig.touching.mean_edge_m());
+    }
+    assert!(rig.state.pressing() > 0, "{slope} {aside}: {at}");
+    (way_m, inside)
+}
+
+/// A corner that is pressed into a valley comes to rest, held by both sides where it has slid down to the bottom, and gets inside neither.
+/// Held by one of them at a time it goes to and fro between the two, by up to 2.7 mm a step.
+#[test]
+fn a_corner_comes_to_rest_in_a_valley() {
+    for slope in [0.0, 0.02, 0.05, 0.1, 0.3, 0.6] {
+        for aside in [-3e-4, -1.5e-4, 0.0, 1.5e-4, 3e-4, 6e-4] {
+            let (way_m, inside) = corner_in_a_valley(slope, aside);
+            println!("{slope} {aside}: {way_m} m, {inside} edges inside");
+            assert!(way_m < 1e-9, "{slope} {aside}: still moves by {way_m} m");
+            assert!(inside < 1e-3, "{slope} {aside}: {inside} edges inside");
         }
     }
 }
