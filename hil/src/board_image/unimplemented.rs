@@ -142,6 +142,17 @@ mod tests {
     }
 
     #[test]
+    fn registers_of_blocks_are_lacking_and_others_not() {
+        // GPIOB's, the last word of the last FIFO; a timer's, the interrupt controller's, RAM.
+        for address in [0x4002_0410, 0x5000_0010, 0x5003_0FFC] {
+            assert!(is_lacking(address), "{address:#x}");
+        }
+        for address in [0x4000_0024, 0x4000_0C24, 0xE000_E200, 0x2000_0000] {
+            assert!(!is_lacking(address), "{address:#x}");
+        }
+    }
+
+    #[test]
     fn half_a_line_waits_for_its_end() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("log");
