@@ -5,7 +5,7 @@
 //!
 //! QEMU runs the processor, its interrupts, its floating point, flash and RAM. A block that it lacks reads as 0, and it logs what is
 //! written there. So the stand-in ([`Chip`]) stops the processor, through QEMU's gdb stub, only before reads of registers that are not
-//! 0, decodes the load and does it, and what comes after it as far as it knows how ([`between`]); other writes it takes from the log, in
+//! 0, decodes the load and does it, and what comes after it as far as it knows how (`between.rs`); other writes it takes from the log, in
 //! order. Time is the stand-in's: a tick is when it says so, and as
 //! long as it says, and nothing depends on how fast the emulator is.
 
