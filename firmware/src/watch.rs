@@ -36,6 +36,12 @@ impl Watch {
 
     /// True if every task ticked since this last said so; then all have to tick again.
     pub fn all_ticked(&self) -> bool {
+        if !stands("control_watched") {
+            self.tick(Task::Control);
+        }
+        if !stands("link_watched") {
+            self.tick(Task::Link);
+        }
         if !stands("telemetry_watched") {
             self.tick(Task::Telemetry);
         }

@@ -3,35 +3,50 @@
 //! Not yet run on hardware. What it shares with other boards, how it starts and how it stops is [`super::stm32f4`]'s. The first board for a
 //! builder without a probe: its upper USB connector (CN1) is the probe, with power; the lower one (CN13) is the console's.
 //!
-//! | pin | what | connector | on the board, as it is delivered |
-//! |---|---|---|---|
-//! | PC6, PC7, PC8 | TIM8 CH1 to CH3: current command of motor 1 to 3 | CN7 1, CN7 11, CN8 2 | |
-//! | PC9 | TIM8 CH4: amplifier enable, high = on | CN8 4 | **external 10 kOhm to ground** |
-//! | PA6 | TIM8 BKIN: emergency stop, 3.3 V = run | CN7 12 (D12) | |
-//! | PB9 | amplifiers ready, 3.3 V = ready | CN7 4 (D14) | pull-down inside |
-//! | PB4, PB5 | TIM3: encoder 1 A, B | CN7 19, CN7 13 | PB4 is JTAG's NJTRST; PB5 goes to D11 by SB122, which is open |
-//! | PD12, PD13 | TIM4: encoder 2 A, B | CN10 21, CN10 19 | not PB6 and PB7: PB7 has LD2, by SB139 |
-//! | PA15, PA1 | TIM2: encoder 3 A, B | CN7 9, CN11 30 | not PB3, which the probe listens to as SWO |
-//! | PA11, PA12 | USB D-, D+ | CN13 | |
-//! | PB0 | LD1, green: the amplifiers are enabled | | SB120 closed; SB119, to PA5, open |
-//! | PB7 | LD2, blue: armed or decaying | | SB139 |
-//! | PB14 | LD3, red, blinking: a fault | | SB118 |
-//! | PG6 | USB power switch: held low | | as the host of a stick the board would give 5 V; high = on |
-//! | PC13 | button B1 | | SB173 closed; SB180, to PA0, open; nothing yet |
-//! | PH0 | 8 MHz from the probe (its MCO) | | no crystal at PH0 and PH1: the probe must have power |
-//! | PC0 | ADC1 channel 10: the motors' supply over a divider, if [`MOTOR_SUPPLY`] says so | CN9 3 (A1) | |
-//! | PC5 | ADC1 channel 15: noise, left open | CN12 6 | nothing may be there |
-//! | PA8, PA9, PA10 | USB start of frame, VBUS, **ID** | CN13 | taken by the connector: left alone |
-//! | PG7 | USB over-current, low = over | | left alone |
-//! | PD8, PD9 | the probe's serial port (USART3) | | left alone |
-//! | PA13, PA14, PB3 | SWD and SWO, from the probe | | left alone |
-//! | PC14, PC15 | crystal of 32 kHz | | left alone |
-//! | PA4, PA5 | nothing | | the two pins that do not stand 5 V |
+//! | pin | what | connector | on the board, as it is delivered | checked against |
+//! |---|---|---|---|---|
+//! | PC6, PC7, PC8 | TIM8 CH1 to CH3: current command of motor 1 to 3 | CN7 1, CN7 11, CN8 2 | the loader in ROM pulls PC7 down | F Z M |
+//! | PC9 | TIM8 CH4: amplifier enable, high = on | CN8 4 | **external 10 kOhm to ground**; the loader can pull it down, not up | F Z M |
+//! | PA6 | TIM8 BKIN: emergency stop, 3.3 V = run | CN7 12 (D12) | the loader may drive it: 1 kOhm in between | F Z M |
+//! | PB9 | amplifiers ready, 3.3 V = ready | CN7 4 (D14) | pull-down inside; goes to A4 (CN9 9) by SB138, which is open | Z M |
+//! | PB4, PB5 | TIM3: encoder 1 A, B | CN7 19, CN7 13 | PB4 is JTAG's NJTRST; PB5 goes to D11 (CN7 14) by SB122, which is open | F Z M, bridge: D |
+//! | PD12, PD13 | TIM4: encoder 2 A, B | CN10 21, CN10 19 | not PB6 and PB7: PB7 has LD2, by SB139 | F Z M |
+//! | PA15, PA1 | TIM2: encoder 3 A, B | CN7 9, CN11 30 | not PB3, which the probe listens to as SWO; PA1: see E | F Z M |
+//! | PA11, PA12 | USB D-, D+ | CN13 | | F C, connector: U |
+//! | PB0 | LD1, green: the amplifiers are enabled | | SB120 closed; SB119, to PA5, open | C, bridges: L |
+//! | PB7 | LD2, blue: armed or decaying | | SB139 | C, bridge: L |
+//! | PB14 | LD3, red, blinking: a fault | | SB118; the loader may drive it | C, bridge: L |
+//! | PG6 | USB power switch: held low | CN12 70 | as the host of a stick the board would give 5 V; high = on | C M |
+//! | PC13 | button B1 | | SB173 closed; SB180, to PA0, open; nothing yet | C, bridges: L |
+//! | PH0 | 8 MHz from the probe (its MCO) | | SB112 and SB149 closed, SB8 and SB9 open: no crystal, the probe must have power | C, bridges: L |
+//! | PC0 | ADC1 channel 10: the motors' supply over a divider, if [`MOTOR_SUPPLY`] says so | CN9 3 (A1) | | F Z M |
+//! | PC5 | ADC1 channel 15: noise, left open | CN12 6 | nothing may be there; see E | F M |
+//! | PA8, PA9, PA10 | USB start of frame (test point TP1), VBUS, **ID** | CN13 | taken by the connector: left alone | F C |
+//! | PG7 | USB over-current, low = over | CN12 67 | left alone | C M |
+//! | PD8, PD9 | the probe's serial port (USART3) | CN12 10, CN11 69 | left alone | F C M |
+//! | PA13, PA14, PB3 | SWD and SWO, from the probe | CN11 13, CN11 15, CN7 15 | left alone | C M, but PB3: M alone |
+//! | PC14, PC15 | crystal of 32 kHz | | left alone | C |
+//! | PB6, PB12, PB15, PA7, PA8 | nothing | | the loader's, too (AN2606, table 93) | |
+//! | PA4, PA5 | nothing | | the two pins that do not stand 5 V | data sheet |
 //!
-//! Sources: alternate functions are the data sheet's (DS10693, table 11). The manual (UM1974) was not at hand; others quote it: CN7 to CN10
-//! from its table 18 (rev. 11) in Zephyr's `st_zio_connector.dtsi` of this board, CN11 and CN12 in a drawing of the MB1137
-//! (github.com/casten/Nucleo-144-gpio), LEDs, button and bridges from its sections 7.5 and 7.6 in mbed's and NuttX's files of the family,
-//! and SB121 and SB122 as the choice between PA7 and PB5 for D11. **They are to be checked on the board before it is wired.**
+//! The manual (UM1974) was not at hand; what each row was checked against, all of it on GitHub:
+//!
+//! - F: ST's list of the chip's functions, in `STMicroelectronics/STM32_open_pin_data` (STM32CubeMX 6.15), `mcu`: the number of every alternate
+//!   function, and both channels of the converter.
+//! - C: ST's own project for this board, there, `boards/A45_Nucleo_NUCLEO-F446ZE`: LEDs, button, USB, clock, serial port, crystal.
+//! - Z: CN7 to CN10 from the manual's table 18 (rev. 11) in Zephyr's `st_zio_connector.dtsi` of this board; and ST's names D0 to D70 in
+//!   mbed's `PinNames.h` of it. They agree.
+//! - M: CN11 and CN12 in a drawing of the MB1137 (`casten/Nucleo-144-gpio`) and in a symbol of its F429 and F746 (`rusefi/kicad-libraries`). They agree with each
+//!   other, and with the six pins of ours in what a user of an F767 has read off table 21.
+//! - L: sections 7.5, 7.6 and 7.8.1, as NuttX and a project for the F429 quote them: the same bridges on all boards of the MB1137.
+//! - D: D11 is PA7 in Z. ST's author of mbed's boards with Ethernet opens SB121 and closes SB122 to have PB5 there (`ARMmbed/mbed-os`, pull request 4272);
+//!   `foldedtoad/dwm3000` says it of the two the other way round. Either way PB5 is not on D11 as the board comes.
+//! - U: Zephyr's page of the F767 on the same MB1137.
+//! - E: boards with Ethernet have its chip at PA1 (SB13) and PC5 (SB181). This one has neither the unit (F, C) nor the chip; **whether the two
+//!   bridges are closed, to an empty place, nobody says.** It would lengthen the noise's aerial, and the encoder's line by a few centimetres.
+//!
+//! **Not checked by anybody here: the bridges of an F446ZE itself, and any of it with a meter. Do that before it is wired.** The example
+//! in `fitted.rs` was checked against F, Z and M as well.
 //!
 //! The chip has no random generator: [`session_seed`] takes noise, the chip's number and a count in RAM.
 

@@ -17,7 +17,8 @@
 //! | PC12 | LED, low = lit | lit while the amplifiers are enabled |
 //! | PA13, PA14 | SWD | a JTAG probe would drive PA15, PB3, PB4 |
 //! | PC4 | USB supply sense of the board | left alone |
-//! | PA9, PA10, PB5, PB10, PB11, PB13, PC10, PC11 | nothing | the ROM's loader listens there, or drives them (ST AN2606) |
+//! | PA9, PA10, PB5, PB10, PB11, PB13, PC10, PC11 | nothing | the ROM's loader listens there, or drives them (ST AN2606, table 73) |
+//! | PA6, PA7, PB6, PB7, PC9 | as above | so does its version 9.1, which newer chips have (table 75): see the wiring page |
 //! | PA4, PA5 | nothing | the two pins that do not stand 5 V (data sheet DS8626, pin table: TTa) |
 //!
 //! All pins with an encoder stand 5 V (FT), with the chip under supply and their pull resistors off, which they are.

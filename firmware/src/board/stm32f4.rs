@@ -25,7 +25,7 @@
 //! Watchdogs: the independent one runs from the first instruction of `start`, on its own oscillator of 17 to 47 kHz
 //! (DS8626, LSI), and bites after 71 to 196 ms. The window watchdog's early
 //! interrupt comes after 49 ms, above the control task's priority, and takes the torque off. Both are fed
-//! only when every monitored task ticked. Neither stops in a debugger: halting the core resets the chip.
+//! only when every monitored task ticked, and by idle, below all of them. Neither stops in a debugger: halting the core resets the chip.
 //!
 //! Loader: a host that touches the serial port of a console at rest sends it to the loader in the chip's ROM ([`crate::loader`]), by two
 //! words in RAM and a reset. The reset ends both watchdogs (RM0090, 21.3 and 22.3), and all that `start` has set up.
@@ -526,6 +526,9 @@ pub struct Plant {
 impl crate::control_side::Plant for Plant {
     /// Acknowledges the tick and reads everything that it needs.
     fn read(&mut self, overrun: bool) -> TickInput {
+        if !stands("fed_at_rest") {
+            feed_now();
+        }
         self.tick.sr().write(|w| w.uif().clear_bit());
         let beat = self.clock.tick(SYST::get_current());
         logger::set_time(beat.now_us);
@@ -696,7 +699,16 @@ impl Guard {
     }
 }
 
-/// The lowest priority: feeds the watchdogs. Spins: in sleep the cycle counter, which counts what ticks cost, stands still.
+/// Feeds both watchdogs, which is idle's alone: a task that did so would keep them quiet whatever hangs below it.
+fn feed_now() {
+    // SAFETY: whole-word writes of the keys that feed (RM0090, 21.4.1 and 22.6.1).
+    unsafe {
+        (*pac::IWDG::ptr()).kr().write(|w| w.bits(0xAAAA));
+        (*pac::WWDG::ptr()).cr().write(|w| w.bits(0xFF));
+    }
+}
+
+/// The lowest priority: feeds the watchdogs, so that no task can hang, alone or in a loop, and have them fed. Spins: in sleep the cycle counter, which counts what ticks cost, stands still.
 pub fn idle<T>(_: T, guard: &mut Guard, watch: &Watch) -> ! {
     loop {
         if watch.all_ticked() {

@@ -41,6 +41,8 @@ const RNG_SR: u32 = 0x5006_0804;
 const RNG_DR: u32 = 0x5006_0808;
 const CHIP_ID: u32 = 0x1FFF_7A10;
 const SYST_CVR: u32 = 0xE000_E018;
+/// The core's cycle counter.
+const DWT_CYCCNT: u32 = 0xE000_1004;
 /// Application interrupt and reset control.
 pub const AIRCR: u32 = 0xE000_ED0C;
 
@@ -100,6 +102,17 @@ pub const RANDOM: u32 = 0xC0FF_EE01;
 /// The chip's own number, 96 bits.
 pub const ID: [u32; 3] = [0x0043_002B, 0x3438_510B, 0x3236_3530];
 
+/// What the core's cycle counter does, which a debugger may switch off, on, or set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CycleCounter {
+    /// It stands at 0. QEMU has no other.
+    Stands,
+    /// It is so many cycles on at every reading, round its 32 bits; a tick has 168,000.
+    Moves(u32),
+    /// It is anything at every reading, forwards or back, in an order that is always the same.
+    Jumps,
+}
+
 /// What is wired to the chip.
 #[derive(Clone, Copy, Debug)]
 pub struct Lines {
@@ -113,6 +126,8 @@ pub struct Lines {
     pub crystal: bool,
     /// Counts of SysTick in a period of the tick timer: 21000 where the clocks agree.
     pub systick_per_tick: u32,
+    /// The core's cycle counter.
+    pub cycle_counter: CycleCounter,
     /// Every tick ends after the next one was due.
     pub ticks_late: bool,
     /// The self-test's jumpers are in: PC6 to A and PC7 to B of all encoders, PC8 to the stop's line, PC9 to ready.
@@ -165,6 +180,8 @@ pub struct Chip {
     pub brown_out: u32,
     /// Reads of the clock control while the crystal does not swing.
     pub waits_for_crystal: u32,
+    /// The core's cycle counter, as it was last read.
+    pub cycles: u32,
     stored: BTreeMap<u32, u32>,
     systick: u32,
     stop_open: bool,
@@ -192,6 +209,7 @@ impl Chip {
             supply_low: false,
             crystal: true,
             systick_per_tick: 21_000,
+            cycle_counter: CycleCounter::Stands,
             ticks_late: false,
             jumpers: false,
         };
@@ -208,6 +226,7 @@ impl Chip {
             watchdog_by_option: false,
             brown_out: 0,
             waits_for_crystal: 0,
+            cycles: 0,
             stored: BTreeMap::new(),
             systick: 0x00FF_0000,
             stop_open: false,
@@ -279,6 +298,7 @@ impl Chip {
             RNG_DR if self.board.draws() => RANDOM,
             CHIP_ID..0x1FFF_7A1C => ID[(address - CHIP_ID) as usize / 4],
             SYST_CVR => self.systick,
+            DWT_CYCCNT => self.cycles,
             OTG..0x5004_0000 => self.usb.peek(address - OTG),
             _ => self.stored(address),
         }
@@ -290,6 +310,17 @@ impl Chip {
             OTG..0x5004_0000 => return self.usb.read(address - OTG),
             RCC_CR if self.stored(RCC_CR) & HSE_ON != 0 && !self.lines.crystal => {
                 self.waits_for_crystal += 1;
+            }
+            DWT_CYCCNT => {
+                self.cycles = match self.lines.cycle_counter {
+                    CycleCounter::Stands => 0,
+                    CycleCounter::Moves(by) => self.cycles.wrapping_add(by),
+                    // Knuth's linear congruential generator, all 2^32 numbers of it.
+                    CycleCounter::Jumps => self
+                        .cycles
+                        .wrapping_mul(1_664_525)
+                        .wrapping_add(1_013_904_223),
+                };
             }
             _ => {}
         }
@@ -342,6 +373,9 @@ impl Chip {
     pub fn watched(&self) -> BTreeSet<(u32, u32)> {
         let mut watched =
             BTreeSet::from([(SYST_CVR, 4), (TIM2_CNT, 4), (TIM3_CNT, 4), (TIM4_CNT, 4)]);
+        if self.lines.cycle_counter != CycleCounter::Stands {
+            watched.insert((DWT_CYCCNT, 4));
+        }
         if self.starts {
             watched.extend([
                 (TIM7_CR1, 0x30),

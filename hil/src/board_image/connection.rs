@@ -167,6 +167,24 @@ impl Connection {
         word.ok_or_else(|| refused(&packet, answer))
     }
 
+    /// Bytes of memory.
+    ///
+    /// # Errors
+    /// [`BoardImageError`].
+    pub fn memory(&mut self, address: u32, length: u32) -> Result<Vec<u8>, BoardImageError> {
+        let packet = format!("m{address:x},{length:x}");
+        let answer = self.ask(&packet)?;
+        let bytes: Vec<u8> = words(&answer)
+            .into_iter()
+            .flat_map(u32::to_le_bytes)
+            .collect();
+        if bytes.len() == length as usize {
+            Ok(bytes)
+        } else {
+            Err(refused(&packet, answer))
+        }
+    }
+
     /// Stops before writes to a register from now on, or no longer.
     ///
     /// # Errors
@@ -175,12 +193,12 @@ impl Connection {
         self.command(&format!("{}2,{address:x},4", letter(on)))
     }
 
-    /// Stops before the instruction at a place from now on.
+    /// Stops before the instruction at a place from now on, or no longer.
     ///
     /// # Errors
     /// [`BoardImageError`].
-    pub fn break_at(&mut self, place: u32) -> Result<(), BoardImageError> {
-        self.command(&format!("Z1,{place:x},2"))
+    pub fn break_at(&mut self, place: u32, on: bool) -> Result<(), BoardImageError> {
+        self.command(&format!("{}1,{place:x},2", letter(on)))
     }
 
     fn command(&mut self, packet: &str) -> Result<(), BoardImageError> {

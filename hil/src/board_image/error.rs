@@ -41,6 +41,14 @@ pub enum BoardImageError {
         /// The image.
         path: PathBuf,
     },
+    /// An image whose symbols are gone.
+    #[error("`{path}` has no symbol `{name}`: it was stripped, or is no console's")]
+    NoSymbol {
+        /// The image.
+        path: PathBuf,
+        /// What is looked for.
+        name: &'static str,
+    },
     /// The line to the emulator's gdb stub.
     #[error("{what}: {source}")]
     Line {
@@ -67,6 +75,20 @@ pub enum BoardImageError {
         pc: u32,
         /// Its two halfwords.
         code: [u16; 2],
+    },
+    /// An instruction does not do what was thought.
+    #[error(
+        "the instruction {code:04x?} at {pc:#010x} leaves {after:08x?}, and hil/src/board_image/between.rs would leave {here:08x?}"
+    )]
+    Differs {
+        /// Where.
+        pc: u32,
+        /// Its two halfwords.
+        code: [u16; 2],
+        /// Registers as the stand-in would leave them.
+        here: Vec<u32>,
+        /// ... and as the processor does.
+        after: Vec<u32>,
     },
     /// A register was read while nobody watched it, and is not 0.
     #[error(

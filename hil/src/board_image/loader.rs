@@ -36,13 +36,13 @@ impl BoardImage {
         self.chip().reset(reset::SOFTWARE);
         let feeds = self.chip().feeds;
         self.processor.reset()?;
-        self.processor.connection.break_at(LOADER.entry)?;
+        self.processor.connection.break_at(LOADER.entry, true)?;
         self.processor.connection.watch_writes(LOADER.map, true)?;
         let mut stop = self.processor.run(&mut self.chip, Some(LOADER.map))?;
         if stop == Stop::Write(LOADER.map) {
             let after = self.processor.access(&mut self.chip)?;
             let after = (PC, after.get(PC).copied().unwrap_or_default());
-            self.processor.connection.put_registers(&[after]);
+            self.processor.put_registers(&[after]);
             stop = self.processor.run(&mut self.chip, None)?;
         }
         self.processor.connection.watch_writes(LOADER.map, false)?;

@@ -5,9 +5,11 @@
 //!
 //! QEMU runs the processor, its interrupts, its floating point, flash and RAM. A block that it lacks reads as 0, and it logs what is
 //! written there. So the stand-in ([`Chip`]) stops the processor, through QEMU's gdb stub, only before reads of registers that are not
-//! 0, decodes the load and does it; writes it takes from the log, in order. Time is the stand-in's: a tick is when it says so, and as
+//! 0, decodes the load and does it, and what comes after it as far as it knows how (`between.rs`); other writes it takes from the log, in
+//! order. Time is the stand-in's: a tick is when it says so, and as
 //! long as it says, and nothing depends on how fast the emulator is.
 
+mod between;
 mod board;
 mod chip;
 mod connection;
@@ -25,7 +27,9 @@ mod unimplemented;
 mod usb_host;
 
 pub use board::Board;
-pub use chip::{Chip, EXTI0, Feeds, ID, LOADER, Lines, Outputs, RANDOM, reset};
+pub use chip::{
+    Chip, CycleCounter, EXTI0, Feeds, ID, LOADER, Lines, OTG_FS, Outputs, RANDOM, reset,
+};
 pub use error::BoardImageError;
 pub use fitted::Fitted;
 pub use loader::LoaderStart;
@@ -35,7 +39,7 @@ pub use provenance::{Provenance, default_image, default_selftest, provenance};
 pub use usb_host::Descriptors;
 
 use chip::{GPIOB_IDR, TIM7, TIM7_CR1, WWDG_CR, WWDG_WARNS};
-use connection::PC;
+use connection::{PC, STATUS};
 use processor::{Processor, Stop};
 use std::collections::VecDeque;
 use std::path::PathBuf;
@@ -66,6 +70,10 @@ const WITHOUT_EFFECT: u32 = 2;
 const MOST_INTERRUPTS: u32 = 2000;
 /// Bytes of a packet.
 const PACKET: usize = 64;
+/// Number of the exception that is handled, of the status word: 0 in the thread.
+const EXCEPTION: u32 = 0x1FF;
+/// The link task's handler.
+const LINK_TASK: &str = "OTG_FS";
 /// Where the chip has no memory.
 pub const ASTRAY: u32 = 0x1000_0000 + 0x10_0000;
 
@@ -77,6 +85,7 @@ fn pending(number: u8) -> (u32, u32) {
 /// The image, at rest between two interrupts.
 #[derive(Debug)]
 pub struct BoardImage {
+    image: PathBuf,
     processor: Processor,
     chip: Chip,
     /// Registers of the thread while it waits.
@@ -86,6 +95,8 @@ pub struct BoardImage {
     down: VecDeque<Vec<u8>>,
     /// Bytes of a packet on the control endpoint.
     control_size: usize,
+    /// The register that lets in what is kept masked.
+    kept_masked: Option<u32>,
     ticks: u64,
     /// The emulator's clock, as it was last looked at \[ns\].
     counted_ns: u32,
@@ -117,7 +128,8 @@ impl BoardImage {
         image: PathBuf,
         time_limit: Duration,
     ) -> Result<BoardImage, BoardImageError> {
-        BoardImage::of(board, Processor::start(image, false, time_limit)?)
+        let processor = Processor::start(image.clone(), false, time_limit)?;
+        Ok(BoardImage::of(board, image, processor))
     }
 
     /// The same with every instruction counted, by the emulator's own clock: [`BoardImage::instructions`]. Slower.
@@ -129,21 +141,24 @@ impl BoardImage {
         image: PathBuf,
         time_limit: Duration,
     ) -> Result<BoardImage, BoardImageError> {
-        BoardImage::of(board, Processor::start(image, true, time_limit)?)
+        let processor = Processor::start(image.clone(), true, time_limit)?;
+        Ok(BoardImage::of(board, image, processor))
     }
 
-    fn of(board: Board, processor: Processor) -> Result<BoardImage, BoardImageError> {
-        Ok(BoardImage {
+    fn of(board: Board, image: PathBuf, processor: Processor) -> BoardImage {
+        BoardImage {
+            image,
             processor,
             chip: Chip::new(board),
             thread: Vec::new(),
             up: Vec::new(),
             down: VecDeque::new(),
             control_size: 0,
+            kept_masked: None,
             ticks: 0,
             counted_ns: 0,
             started: Instant::now(),
-        })
+        }
     }
 
     /// Before the first boot: puts everything on the board that there is a driver for.
@@ -178,6 +193,9 @@ impl BoardImage {
     /// # Errors
     /// See [`BoardImage::boot`].
     pub fn boot_again(&mut self, cause: u32) -> Result<(), BoardImageError> {
+        if let Some(register) = self.kept_masked.take() {
+            self.processor.connection.watch_writes(register, false)?;
+        }
         self.chip.reset(cause);
         self.down.clear();
         self.up.clear();
@@ -316,6 +334,40 @@ impl BoardImage {
         self.processor.go_on_to_rest(&mut self.chip)
     }
 
+    /// Begins the link task and leaves it at its first instruction, above telemetry and idle: it hangs, and goes round in the waiting room.
+    ///
+    /// # Errors
+    /// See [`BoardImage::interrupt`].
+    pub fn hang_link(&mut self) -> Result<(), BoardImageError> {
+        self.serve()?;
+        let image = std::fs::read(&self.image).unwrap_or_default();
+        let place =
+            mutants::symbol(&image, LINK_TASK).ok_or_else(|| BoardImageError::NoSymbol {
+                path: self.image.clone(),
+                name: LINK_TASK,
+            })?;
+        self.processor
+            .pend_to_place(&mut self.chip, pending(OTG_FS), place & !1)
+    }
+
+    /// The tick timer's interrupt with what it brings about, and nothing else: for images in which a task below it hangs.
+    ///
+    /// # Errors
+    /// See [`BoardImage::interrupt`].
+    pub fn tick_alone(&mut self) -> Result<(), BoardImageError> {
+        self.begin_tick();
+        self.interrupt(TIM7)
+    }
+
+    /// From where the image stands ([`BoardImage::begin_and_stand`], [`BoardImage::hang_link`]): has the processor do instructions one at a
+    /// time, and compares with what would have been done in its place; how many would have been. Slow.
+    ///
+    /// # Errors
+    /// [`BoardImageError::Differs`] at the first that does something else, and others.
+    pub fn compare(&mut self, count: usize) -> Result<usize, BoardImageError> {
+        self.processor.compare(&mut self.chip, count)
+    }
+
     /// A tick in which idle has no turn, so that nobody is fed: for images in which a task hangs.
     ///
     /// # Errors
@@ -337,12 +389,25 @@ impl BoardImage {
         self.processor.pend(&mut self.chip, register, bit)
     }
 
+    /// Masks an interrupt until the next boot, whatever the image does to let it in again.
+    ///
+    /// # Errors
+    /// See [`BoardImage::interrupt`].
+    pub fn mask_for_good(&mut self, number: u8) -> Result<(), BoardImageError> {
+        self.mask(number)?;
+        let register = NVIC_ISER + 4 * (u32::from(number) / 32);
+        // Watched, a write ends in the stand-in.
+        self.processor.connection.watch_writes(register, true)?;
+        self.kept_masked = Some(register);
+        Ok(())
+    }
+
     /// Has the thread go on where there is nothing to run.
     ///
     /// # Errors
     /// [`BoardImageError::Reset`] if the image resets the chip, and others.
     pub fn run_astray(&mut self) -> Result<(), BoardImageError> {
-        self.processor.connection.put_registers(&[(PC, ASTRAY)]);
+        self.processor.put_registers(&[(PC, ASTRAY)]);
         match self.processor.run(&mut self.chip, None)? {
             Stop::Seat => Ok(()),
             _ => Err(BoardImageError::Reset),
@@ -384,21 +449,28 @@ impl BoardImage {
     /// [`BoardImageError`].
     pub fn idle_steps(&mut self, count: usize) -> Result<(), BoardImageError> {
         self.resume_thread();
+        // A step would stop before such a write for ever.
+        self.processor.connection.watch_writes(WWDG_CR, false)?;
         for _ in 0..count {
             self.processor.step(&mut self.chip)?;
         }
+        self.processor.connection.watch_writes(WWDG_CR, true)?;
         self.thread = self.processor.connection.registers()?;
         Ok(())
     }
 
     /// Lets idle run until it has fed the watchdogs, of which the window watchdog comes last: as every task has ticked, in its next round.
     fn idle_feeds(&mut self) -> Result<(), BoardImageError> {
-        self.processor.connection.watch_writes(WWDG_CR, true)?;
         self.resume_thread();
-        let fed = self.run_to_write(WWDG_CR);
-        self.processor.connection.watch_writes(WWDG_CR, false)?;
-        self.thread = fed?;
-        Ok(())
+        loop {
+            let registers = self.run_to_write(WWDG_CR)?;
+            if registers[STATUS] & EXCEPTION == 0 {
+                self.thread = registers;
+                return Ok(());
+            }
+            // A task's, in an image that may do so.
+            self.processor.put_registers_after(&registers);
+        }
     }
 
     /// Whether the image lets an interrupt in.
@@ -442,6 +514,6 @@ impl BoardImage {
     fn resume_thread(&mut self) {
         let thread = &self.thread;
         let of = |number: usize| (number, thread.get(number).copied().unwrap_or(0));
-        self.processor.connection.put_registers(&[0, 1, PC].map(of));
+        self.processor.put_registers(&[0, 1, PC].map(of));
     }
 }

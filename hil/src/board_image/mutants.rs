@@ -41,10 +41,12 @@ pub fn switch_of(image: &Path) -> Result<u32, BoardImageError> {
     let Ok(bytes) = std::fs::read(image) else {
         return Err(QemuError::NoImage { path }.into());
     };
-    let symbol = object::File::parse(&*bytes).ok().and_then(|file| {
-        let mut symbols = file.symbols();
-        symbols.find_map(|symbol| (symbol.name() == Ok(SWITCH)).then(|| symbol.address()))
-    });
-    let address = symbol.and_then(|address| u32::try_from(address).ok());
-    address.ok_or(BoardImageError::NoSwitch { path })
+    symbol(&bytes, SWITCH).ok_or(BoardImageError::NoSwitch { path })
+}
+
+/// Where an image has what it calls by this name.
+pub(super) fn symbol(image: &[u8], name: &str) -> Option<u32> {
+    let file = object::File::parse(image).ok()?;
+    let symbol = file.symbols().find(|symbol| symbol.name() == Ok(name))?;
+    u32::try_from(symbol.address()).ok()
 }

@@ -5,16 +5,19 @@
 //! A thread that waits for its interrupts has a few instructions in the last bytes of RAM: the first one writes to the interrupt
 //! controller, which the stub itself cannot, and the last one, reached when every handler is through, stops the processor.
 
-use super::chip::{AIRCR, Chip, LOADER, RESET_REQUEST};
+use super::between;
+use super::chip::{AIRCR, Chip, LOADER, RESET_REQUEST, WWDG_CR};
 use super::connection::{Connection, PC, STATUS};
 use super::error::BoardImageError;
 use super::thumb::{self, Access};
-use super::unimplemented::{Log, Logged};
+use super::unimplemented::{Log, Logged, is_lacking};
+use std::collections::hash_map::Entry;
 use std::collections::{BTreeSet, HashMap, VecDeque};
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// The chip's RAM.
+/// The chip's flash, and its RAM.
+const FLASH: std::ops::Range<u32> = 0x0800_0000..0x0810_0000;
 const RAM: std::ops::Range<u32> = 0x2000_0000..0x2002_0000;
 /// Where a thread waits, in the last bytes of RAM, which the image leaves alone: `str r1, [r0]`, branches to what follows, because QEMU
 /// takes interrupts between blocks, which these are the ends of, and `ldr r1, [pc, #0]`.
@@ -28,8 +31,13 @@ const LOADED: u32 = WAITING_ROOM + 16;
 const CRYSTAL_POLLS: u32 = 200;
 /// Accesses that an error tells of.
 const KEPT: usize = 8;
-/// Accesses that one stop does at most: those of two packets, or of a loop that waits.
-const AT_A_STOP: usize = 64;
+/// Accesses that one stop does at most: those of two packets, or of a loop that waits; and instructions between two of them.
+const AT_A_STOP: usize = 256;
+const BETWEEN: usize = 64;
+/// Stops at a place that have spared none, after which nobody looks for more there.
+const NOWHERE: i32 = -4;
+/// Bytes of memory that are read together.
+const LINE: u32 = 64;
 
 /// Why the processor has stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,6 +48,8 @@ pub enum Stop {
     Write(u32),
     /// At the first instruction of the loader in ROM.
     Loader,
+    /// Where [`Processor::stands_at`] says.
+    Place,
     /// Before a read of it.
     Read(u32),
 }
@@ -50,10 +60,12 @@ pub struct Processor {
     /// The emulator.
     pub connection: Connection,
     log: Log,
-    /// Instructions that have been read, by place.
-    code: HashMap<u32, [u16; 2]>,
-    /// Places whose instructions are to be read with the next ones.
-    unknown: BTreeSet<u32>,
+    /// Lines of flash that have been read.
+    code: HashMap<u32, Vec<u8>>,
+    /// Lines of RAM that have been read at this stop.
+    ram: HashMap<u32, Vec<u8>>,
+    /// Places of accesses: how often more followed them at a stop, less how often none did.
+    leads_on: HashMap<u32, i32>,
     /// Read watches that are set.
     watched: BTreeSet<(u32, u32)>,
     /// Newest accesses.
@@ -64,6 +76,10 @@ pub struct Processor {
     pub done: u32,
     /// A reset is on its way: its register is not watched until the image runs again.
     resets: bool,
+    /// Where the processor is to stand, before the instruction there.
+    pub stands_at: Option<u32>,
+    /// Registers at the last stop, as long as nobody has changed any.
+    stood_at: Option<Vec<u32>>,
 }
 
 impl Processor {
@@ -79,6 +95,7 @@ impl Processor {
         let mut connection = Connection::start(image, counts, time_limit)?;
         connection.put_read_watch((LOADED, 4), true);
         connection.watch_writes(AIRCR, true)?;
+        connection.watch_writes(WWDG_CR, true)?;
         for (at, word) in (WAITING_ROOM..).step_by(4).zip(WAITING_CODE) {
             connection.put_memory(at, 4, word);
         }
@@ -86,12 +103,15 @@ impl Processor {
             log: Log::new(connection.log()),
             connection,
             code: HashMap::new(),
-            unknown: BTreeSet::new(),
+            ram: HashMap::new(),
+            leads_on: HashMap::new(),
             watched: BTreeSet::new(),
             last: VecDeque::new(),
             stops: 0,
             done: 0,
             resets: false,
+            stands_at: None,
+            stood_at: None,
         })
     }
 
@@ -109,10 +129,15 @@ impl Processor {
             let registers = self.connection.registers()?;
             let pc = registers[PC];
             if pc == SEAT {
+                self.stood_at = Some(registers);
                 return Ok(Stop::Seat);
             }
             if pc == LOADER.entry {
                 return Ok(Stop::Loader);
+            }
+            if Some(pc) == self.stands_at {
+                self.stood_at = Some(registers);
+                return Ok(Stop::Place);
             }
             self.stops += 1;
             let code = self.code(pc)?;
@@ -122,12 +147,16 @@ impl Processor {
             let address = access.address;
             match access.load {
                 false if address == AIRCR || Some(address) == until => {
+                    self.stood_at = Some(registers);
                     return Ok(Stop::Write(address));
                 }
-                true if Some(address) == until => return Ok(Stop::Read(address)),
+                true if Some(address) == until => {
+                    self.stood_at = Some(registers);
+                    return Ok(Stop::Read(address));
+                }
                 _ => {}
             }
-            self.go_on(chip, access, registers, until);
+            self.go_on(chip, access, registers, until)?;
             if chip.waits_for_crystal > CRYSTAL_POLLS {
                 return Err(match chip.watchdog_runs {
                     true => BoardImageError::Reset,
@@ -156,8 +185,7 @@ impl Processor {
         register: u32,
         value: u32,
     ) -> Result<(), BoardImageError> {
-        let registers = [(0, register), (1, value), (PC, WAITING_ROOM)];
-        self.connection.put_registers(&registers);
+        self.put_registers(&[(0, register), (1, value), (PC, WAITING_ROOM)]);
         match self.run(chip, None)? {
             Stop::Seat => Ok(()),
             Stop::Write(_) => Err(BoardImageError::Reset),
@@ -165,19 +193,82 @@ impl Processor {
         }
     }
 
+    /// Queues a write of registers before the next run. One packet, if what they all are is known.
+    pub fn put_registers(&mut self, changed: &[(usize, u32)]) {
+        let Some(mut registers) = self.stood_at.take() else {
+            return self.connection.put_registers(changed);
+        };
+        for (at, value) in changed {
+            registers[*at] = *value;
+        }
+        self.connection.put_all_registers(&registers);
+    }
+
+    /// Queues a write of all registers, as [`Processor::access`] has left them.
+    pub fn put_registers_after(&mut self, registers: &[u32]) {
+        self.stood_at = None;
+        self.connection.put_all_registers(registers);
+    }
+
     /// Does the access that the processor has stopped before; its registers after that.
     ///
     /// # Errors
     /// [`BoardImageError`].
     pub fn access(&mut self, chip: &mut Chip) -> Result<Vec<u32>, BoardImageError> {
-        let mut registers = self.connection.registers()?;
+        let mut registers = match &self.stood_at {
+            Some(registers) => registers.clone(),
+            None => self.connection.registers()?,
+        };
         let pc = registers[PC];
         let code = self.code(pc)?;
         let Some(access) = Access::decode(code, &integers(&registers)) else {
             return Err(BoardImageError::Instruction { pc, code });
         };
-        self.carry_out(chip, &access, &mut registers);
+        self.carry_out(chip, &access, &mut registers)?;
         Ok(registers)
+    }
+
+    /// Has the processor do instructions one at a time from where it stands, and compares what each does with what would have been done in its
+    /// place; how many of them would have been.
+    ///
+    /// # Errors
+    /// [`BoardImageError::Differs`] if one does something else, and others.
+    pub fn compare(&mut self, chip: &mut Chip, count: usize) -> Result<usize, BoardImageError> {
+        let mut compared = 0;
+        let mut registers = self.connection.registers()?;
+        for _ in 0..count {
+            let pc = registers[PC];
+            let code = self.code(pc)?;
+            let mut here = registers.clone();
+            let access = Access::decode(code, &integers(&registers));
+            let is_own = match access {
+                _ if between::is_in_it(&registers) => false,
+                Some(access) if access.load && RAM.contains(&access.address) => {
+                    self.carry_out(chip, &access, &mut here)?;
+                    true
+                }
+                _ => between::go_past(code, &mut here),
+            };
+            self.resume(chip, true)?;
+            let after = self.connection.registers()?;
+            if after[PC] == pc && access.is_some() {
+                // Before a register that is watched.
+                registers = self.access(chip)?;
+                self.put_registers_after(&registers);
+                continue;
+            }
+            if is_own && here != after {
+                return Err(BoardImageError::Differs {
+                    pc,
+                    code,
+                    here,
+                    after,
+                });
+            }
+            compared += usize::from(is_own);
+            registers = after;
+        }
+        Ok(compared)
     }
 
     /// Has a thread that waits write to a register, and runs until the first read of another: the processor stands before it.
@@ -190,10 +281,32 @@ impl Processor {
         (register, value): (u32, u32),
         until: u32,
     ) -> Result<(), BoardImageError> {
-        let registers = [(0, register), (1, value), (PC, WAITING_ROOM)];
-        self.connection.put_registers(&registers);
+        self.put_registers(&[(0, register), (1, value), (PC, WAITING_ROOM)]);
         match self.run(chip, Some(until))? {
             Stop::Read(_) => Ok(()),
+            stop => Err(self.unexpected(stop)),
+        }
+    }
+
+    /// Has a thread that waits write to a register, and runs until the instruction at a place: the processor stands before it.
+    ///
+    /// # Errors
+    /// [`BoardImageError::Stopped`] if it does not come there, and others.
+    pub fn pend_to_place(
+        &mut self,
+        chip: &mut Chip,
+        (register, value): (u32, u32),
+        place: u32,
+    ) -> Result<(), BoardImageError> {
+        self.put_registers(&[(0, register), (1, value), (PC, WAITING_ROOM)]);
+        self.connection.break_at(place, true)?;
+        self.stands_at = Some(place);
+        let stop = self.run(chip, None);
+        self.stands_at = None;
+        let stop = stop?;
+        self.connection.break_at(place, false)?;
+        match stop {
+            Stop::Place => Ok(()),
             stop => Err(self.unexpected(stop)),
         }
     }
@@ -204,7 +317,7 @@ impl Processor {
     /// [`BoardImageError::Reset`] if the image resets the chip, and others.
     pub fn go_on_to_rest(&mut self, chip: &mut Chip) -> Result<(), BoardImageError> {
         let registers = self.access(chip)?;
-        self.connection.put_all_registers(&registers);
+        self.put_registers_after(&registers);
         match self.run(chip, None)? {
             Stop::Seat => Ok(()),
             Stop::Write(_) => Err(BoardImageError::Reset),
@@ -220,8 +333,7 @@ impl Processor {
         if !std::mem::replace(&mut self.resets, true) {
             self.connection.watch_writes(AIRCR, false)?;
         }
-        let registers = [(0, AIRCR), (1, RESET_REQUEST), (PC, WAITING_ROOM)];
-        self.connection.put_registers(&registers);
+        self.put_registers(&[(0, AIRCR), (1, RESET_REQUEST), (PC, WAITING_ROOM)]);
         Ok(())
     }
 
@@ -244,61 +356,89 @@ impl Processor {
         }
     }
 
-    /// Does a load or store in the processor's place, and what comes right after it as long as that is loads of watched registers, stores
-    /// to RAM, and what a loop has between them: how a packet leaves its FIFO.
-    /// Not past an access to `until`.
+    /// Does a load or store in the processor's place, and what comes after it, as long as that is accesses to what QEMU lacks and to RAM, and
+    /// instructions that touch no memory. Not past an access to `until`.
     fn go_on(
         &mut self,
         chip: &mut Chip,
         first: Access,
         mut registers: Vec<u32>,
         until: Option<u32>,
-    ) {
-        let mut access = first;
-        for _ in 0..AT_A_STOP {
-            let status = registers[STATUS];
-            self.carry_out(chip, &access, &mut registers);
-            // Within an IT block what follows may not be executed.
-            if registers[STATUS] != status {
-                break;
+    ) -> Result<(), BoardImageError> {
+        let place = registers[PC];
+        let status = registers[STATUS];
+        self.carry_out(chip, &first, &mut registers)?;
+        let leads_on = self.leads_on.get(&place).copied().unwrap_or(0);
+        // Within an IT block what follows may not be executed.
+        if registers[STATUS] == status && leads_on > NOWHERE {
+            let mut spared = false;
+            for _ in 0..AT_A_STOP {
+                let Some(next) = self.next_access(&mut registers)? else {
+                    break;
+                };
+                if Some(next.address) == until || !self.can_do(chip, &next) {
+                    break;
+                }
+                spared |= next.load && self.is_watched(next.address);
+                self.carry_out(chip, &next, &mut registers)?;
             }
-            match self.next_access(&mut registers) {
-                Some(next) if Some(next.address) == until => break,
-                Some(next) if next.load && self.is_watched(next.address) => access = next,
-                Some(next) if !next.load && RAM.contains(&next.address) => access = next,
-                _ => break,
-            }
+            let by = if spared { 1 } else { -1 };
+            self.leads_on.insert(place, (leads_on + by).min(-NOWHERE));
         }
         self.connection.put_all_registers(&registers);
+        Ok(())
     }
 
-    /// Goes past what a loop has between its accesses; the access there, if one comes.
-    fn next_access(&mut self, registers: &mut [u32]) -> Option<Access> {
-        for _ in 0..AT_A_STOP {
-            let code = self.known_code(registers[PC])?;
-            if let Some(access) = Access::decode(code, &integers(registers)) {
-                return Some(access);
-            }
-            if !thumb::go_past(code, registers) {
-                return None;
-            }
-            self.done += 1;
+    /// Whether an access is to RAM or to what QEMU lacks; where it would read 0, that is what is there.
+    fn can_do(&self, chip: &Chip, access: &Access) -> bool {
+        let address = access.address;
+        match access.load {
+            _ if RAM.contains(&address) => true,
+            true if self.is_watched(address) => true,
+            true => is_lacking(address) && chip.peek(address) == 0,
+            false => is_lacking(address),
         }
-        None
+    }
+
+    /// Goes past what touches no memory; the access there, if one comes.
+    fn next_access(&mut self, registers: &mut [u32]) -> Result<Option<Access>, BoardImageError> {
+        for _ in 0..BETWEEN {
+            let code = self.code(registers[PC])?;
+            if between::go_past(code, registers) {
+                self.done += 1;
+            } else if between::is_in_it(registers) {
+                break;
+            } else {
+                return Ok(Access::decode(code, &integers(registers)));
+            }
+        }
+        Ok(None)
     }
 
     /// One load or store, with what it does to the registers.
-    fn carry_out(&mut self, chip: &mut Chip, access: &Access, registers: &mut [u32]) {
+    fn carry_out(
+        &mut self,
+        chip: &mut Chip,
+        access: &Access,
+        registers: &mut [u32],
+    ) -> Result<(), BoardImageError> {
         let address = access.address;
         let value = registers[access.register];
-        if access.load {
-            self.note(address, None);
-            registers[access.register] = access.loaded(chip.read(address));
-        } else if RAM.contains(&address) {
-            self.connection.put_memory(address, access.size, value);
-        } else {
-            self.note(address, Some(value));
-            chip.write(address, access.loaded(value));
+        let in_ram = RAM.contains(&address);
+        match access.load {
+            true if in_ram => {
+                let word = self.ram(address, access.size)?;
+                registers[access.register] = access.loaded(word);
+            }
+            true => {
+                self.note(address, None);
+                registers[access.register] = access.loaded(chip.read(address));
+            }
+            false if in_ram => self.put_ram(address, access.size, value),
+            false => {
+                self.note(address, Some(value));
+                chip.write(address, access.loaded(value));
+            }
         }
         if let Some((base, value)) = access.write_back {
             registers[base] = value;
@@ -306,27 +446,49 @@ impl Processor {
         registers[PC] = registers[PC].wrapping_add(access.length);
         registers[STATUS] = thumb::past_it(registers[STATUS]);
         self.done += 1;
-    }
-
-    /// The instruction at a place, if it has been read; if not, it will be with the next one that has to be.
-    fn known_code(&mut self, place: u32) -> Option<[u16; 2]> {
-        let known = self.code.get(&place).copied();
-        if known.is_none() {
-            self.unknown.insert(place);
-        }
-        known
+        Ok(())
     }
 
     /// The instruction at a place.
     fn code(&mut self, place: u32) -> Result<[u16; 2], BoardImageError> {
-        self.unknown.insert(place);
-        for place in std::mem::take(&mut self.unknown) {
-            if !self.code.contains_key(&place) {
-                let word = self.connection.word(place)?;
-                self.code.insert(place, [word as u16, (word >> 16) as u16]);
+        if !FLASH.contains(&place) {
+            let word = self.connection.word(place)?;
+            return Ok([word as u16, (word >> 16) as u16]);
+        }
+        let mut bytes = [0; 4];
+        for (at, byte) in (place..).zip(&mut bytes) {
+            let line = match self.code.entry(at / LINE) {
+                Entry::Occupied(known) => known.into_mut(),
+                Entry::Vacant(new) => new.insert(self.connection.memory(at / LINE * LINE, LINE)?),
+            };
+            *byte = line.get((at % LINE) as usize).copied().unwrap_or(0);
+        }
+        let [a, b, c, d] = bytes;
+        Ok([u16::from_le_bytes([a, b]), u16::from_le_bytes([c, d])])
+    }
+
+    /// What is in RAM, of 1, 2 or 4 bytes.
+    fn ram(&mut self, address: u32, size: u32) -> Result<u32, BoardImageError> {
+        let mut bytes = [0; 4];
+        for (at, byte) in (address..address + size).zip(&mut bytes) {
+            let line = match self.ram.entry(at / LINE) {
+                Entry::Occupied(known) => known.into_mut(),
+                Entry::Vacant(new) => new.insert(self.connection.memory(at / LINE * LINE, LINE)?),
+            };
+            *byte = line.get((at % LINE) as usize).copied().unwrap_or(0);
+        }
+        Ok(u32::from_le_bytes(bytes))
+    }
+
+    /// Queues a store to RAM.
+    fn put_ram(&mut self, address: u32, size: u32, value: u32) {
+        self.connection.put_memory(address, size, value);
+        for (at, byte) in (address..address + size).zip(value.to_le_bytes()) {
+            let line = self.ram.get_mut(&(at / LINE));
+            if let Some(place) = line.and_then(|line| line.get_mut((at % LINE) as usize)) {
+                *place = byte;
             }
         }
-        Ok(self.code.get(&place).copied().unwrap_or_default())
     }
 
     fn is_watched(&self, address: u32) -> bool {
@@ -348,6 +510,8 @@ impl Processor {
 
     /// Lets the processor go on, and takes what was logged until it stopped.
     fn resume(&mut self, chip: &mut Chip, one_step: bool) -> Result<(), BoardImageError> {
+        self.stood_at = None;
+        self.ram.clear();
         let stops = self.connection.run(one_step)?;
         let logged = self.log.accesses();
         let logged = logged.map_err(|source| BoardImageError::Line {

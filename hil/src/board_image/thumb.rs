@@ -1,17 +1,8 @@
-//! Loads and stores of the ARMv7-M instruction set, one at a time: what the image was about to do to a register; and what
-//! a loop over such has between them.
+//! Loads and stores of the ARMv7-M instruction set, one at a time: what the image was about to do to a register.
 //!
-//! Entry points: [`Access::decode`], [`go_past`]. Encodings: ARMv7-M Architecture Reference Manual, A5.2.4, A5.3.7 to A5.3.10, and
+//! Entry point: [`Access::decode`]. Encodings: ARMv7-M Architecture Reference Manual, A5.2.4, A5.3.7 to A5.3.10, and
 //! A7.7 of each instruction. Not here: pairs, multiples, exclusives and floating-point registers, with which no compiler touches a
 //! device.
-
-use super::connection::{PC, STATUS};
-
-/// Flags of the status word: negative, zero, carry, overflow.
-const N: u32 = 1 << 31;
-const Z: u32 = 1 << 30;
-const C: u32 = 1 << 29;
-const V: u32 = 1 << 28;
 
 /// A load or store of one integer register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -149,69 +140,6 @@ pub fn past_it(status: u32) -> u32 {
     status & !0x0600_FC00 | (next & 0xFC) << 8 | (next & 3) << 25
 }
 
-/// Does an instruction outside of an IT block, if it is one of the few that a loop has between its loads and stores: `add` of a small
-/// constant without flags, `cmp` of two registers, a short branch on a condition. Whether it was; if not nothing has changed.
-/// `registers`: r0 to r15 and the status word.
-pub fn go_past(code: [u16; 2], registers: &mut [u32]) -> bool {
-    let [first, second] = code.map(u32::from);
-    let compared = match first {
-        // cmp rn, rm: T1 of low registers, T2 of all.
-        _ if first & 0xFFC0 == 0x4280 => Some((first & 7, first >> 3 & 7)),
-        _ if first & 0xFF00 == 0x4500 => Some((first >> 4 & 8 | first & 7, first >> 3 & 15)),
-        _ => None,
-    };
-    if let Some((a, b)) = compared {
-        let (a, b) = (registers[a as usize], registers[b as usize]);
-        registers[STATUS] = registers[STATUS] & !(N | Z | C | V) | flags_of_difference(a, b);
-        registers[PC] = registers[PC].wrapping_add(2);
-        return true;
-    }
-    // b<condition>, T1; the last two conditions are other instructions.
-    if first >> 12 == 0b1101 && first >> 9 & 7 != 7 {
-        let offset = match holds(first >> 8 & 15, registers[STATUS]) {
-            true => 4 + 2 * i32::from(first as u8 as i8),
-            false => 2,
-        };
-        registers[PC] = registers[PC].wrapping_add_signed(offset);
-        return true;
-    }
-    // add.w rd, rn, #constant, T3: one that is not spread over the word, and registers that are neither stack pointer nor counter.
-    let (source, target) = (first & 15, second >> 8 & 15);
-    let is_plain = |register: u32| register != 13 && register != 15;
-    if first & 0xFFF0 == 0xF100 && second & 0xF000 == 0 && is_plain(source) && is_plain(target) {
-        registers[target as usize] = registers[source as usize].wrapping_add(second & 0xFF);
-        registers[PC] = registers[PC].wrapping_add(4);
-        return true;
-    }
-    false
-}
-
-/// Flags that `a - b` sets.
-fn flags_of_difference(a: u32, b: u32) -> u32 {
-    let difference = a.wrapping_sub(b);
-    let flag = |is_set, flag| if is_set { flag } else { 0 };
-    difference & N
-        | flag(difference == 0, Z)
-        | flag(a >= b, C)
-        | flag((a ^ b) & (a ^ difference) & N != 0, V)
-}
-
-/// Whether a condition (A7.3) holds.
-fn holds(condition: u32, status: u32) -> bool {
-    let is_set = |flag| status & flag != 0;
-    let holds = match condition >> 1 {
-        0 => is_set(Z),
-        1 => is_set(C),
-        2 => is_set(N),
-        3 => is_set(V),
-        4 => is_set(C) && !is_set(Z),
-        5 => is_set(N) == is_set(V),
-        6 => !is_set(Z) && is_set(N) == is_set(V),
-        _ => return true,
-    };
-    holds != (condition & 1 == 1)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -290,76 +218,6 @@ mod tests {
             [0xF44F, 0x2300],
         ] {
             assert_eq!(Access::decode(code, &R), None, "{code:04x?}");
-        }
-    }
-
-    /// As an assembler (LLVM 14) gives them, of the loop that empties the USB core's FIFO.
-    #[test]
-    fn a_loop_over_loads_is_followed() {
-        let mut registers = [0; 17];
-        let go = |registers: &mut [u32; 17], code| {
-            let before = registers[PC];
-            let done = go_past(code, registers);
-            (done, registers[PC].wrapping_sub(before) as i32)
-        };
-        registers[1] = 0x2000_0010;
-        registers[2] = 0x2000_0030;
-        registers[STATUS] = 0x0100_0000;
-        // add.w r10, r1, #16; cmp r10, r2; bne to 36 before what would be fetched.
-        assert_eq!(go(&mut registers, [0xF101, 0x0A10]), (true, 4));
-        assert_eq!(registers[10], 0x2000_0020);
-        assert_eq!(go(&mut registers, [0x4592, 0]), (true, 2));
-        assert_eq!(registers[STATUS], 0x0100_0000 | N, "lower");
-        assert_eq!(go(&mut registers, [0xD1EE, 0]), (true, -32));
-        registers[10] += 16;
-        assert_eq!(go(&mut registers, [0x4592, 0]), (true, 2));
-        assert_eq!(registers[STATUS], 0x0100_0000 | Z | C, "equal");
-        assert_eq!(go(&mut registers, [0xD1EE, 0]), (true, 2));
-        // cmp r1, r2.
-        assert_eq!(go(&mut registers, [0x4291, 0]), (true, 2));
-        assert_eq!(registers[STATUS], 0x0100_0000 | N);
-        // adds r1, r5, r2; b.n; svc 0; add.w r1, r2, #1024; adds.w r1, r2, #1; add.w r1, sp, #4; mov.w r3, #524288.
-        for code in [
-            [0x18A9, 0],
-            [0xE09E, 0],
-            [0xDF00, 0],
-            [0xF502, 0x6180],
-            [0xF112, 0x0101],
-            [0xF10D, 0x0104],
-            [0xF44F, 0x2300],
-        ] {
-            let before = registers;
-            assert_eq!(go(&mut registers, code), (false, 0), "{code:04x?}");
-            assert_eq!(registers, before);
-        }
-    }
-
-    /// Against comparisons of numbers with and without sign.
-    #[test]
-    fn conditions_are_those_of_a_comparison() {
-        let values = [0, 1, 2, 0x7FFF_FFFF, 0x8000_0000, 0x8000_0001, u32::MAX];
-        for (a, b) in values.iter().flat_map(|a| values.map(|b| (*a, b))) {
-            let status = flags_of_difference(a, b);
-            let (sa, sb) = (a as i32, b as i32);
-            let difference = sa.wrapping_sub(sb);
-            let overflows = sa.checked_sub(sb).is_none();
-            let expected = [
-                a == b,
-                a >= b,
-                difference < 0,
-                overflows,
-                a > b,
-                sa >= sb,
-                sa > sb,
-            ];
-            for (condition, expected) in (0u32..).step_by(2).zip(expected) {
-                assert_eq!(
-                    holds(condition, status),
-                    expected,
-                    "{condition} {a:x} {b:x}"
-                );
-                assert_eq!(holds(condition + 1, status), !expected);
-            }
         }
     }
 

@@ -1,7 +1,7 @@
 //! Resets: who makes them, what they find the torque at, and what the next boot says of them.
 
 use super::{Bench, DARK, NO_CURRENT, On};
-use sutura_hil::board_image::{ASTRAY, BoardImage, BoardImageError, EXTI0, reset};
+use sutura_hil::board_image::{ASTRAY, BoardImage, BoardImageError, EXTI0, OTG_FS, reset};
 use sutura_shared::wire::message::Ping;
 
 /// Numbers of `Report::reset_cause` and `Report::epitaph_kind`.
@@ -154,6 +154,76 @@ pub(super) fn a_telemetry_task_that_hangs_ends_in_the_window_watchdog(on: On) {
     // Control and link.
     assert_eq!(told, (BY_FAULT_HANDLER, WATCHDOG, 0b011));
     eprintln!("a telemetry task that hangs: {}", board.speed());
+}
+
+on_each_board!(a_link_task_that_hangs_alone_ends_in_the_window_watchdog);
+/// In a loop, at its own priority: the control task interrupts it, tick after tick, and goes on to push. Telemetry and idle wait.
+pub(super) fn a_link_task_that_hangs_alone_ends_in_the_window_watchdog(on: On) {
+    let mut bench = Bench::start(on);
+    bench.push();
+    bench.board.hang_link().unwrap();
+    let fed = bench.board.chip().feeds;
+    bench.changes();
+    // The window watchdog warns 49 ms after it was last fed.
+    for tick in 0..48 {
+        bench.board.chip().lines.encoder_counts[2] += if tick % 2 == 0 { 5 } else { -5 };
+        bench.board.tick_alone().unwrap();
+        let changes = bench.changes();
+        assert!(!changes.is_empty(), "the control task does nothing");
+        assert!(
+            changes.iter().all(|o| o.enable && o.duty[2] != NO_CURRENT),
+            "{changes:?}"
+        );
+    }
+    assert_eq!(bench.board.chip().feeds, fed, "fed without the link");
+    assert!(warned(&mut bench.board));
+    let changes = bench.changes();
+    assert!(
+        !changes[0].enable && changes[0].duty[2] != NO_CURRENT,
+        "{changes:?}"
+    );
+    assert_eq!(bench.outputs().duty, [NO_CURRENT; 3]);
+    let (board, told) = told(on, bench.board, reset::SOFTWARE);
+    // Control.
+    assert_eq!(told, (BY_FAULT_HANDLER, WATCHDOG, 0b001));
+    eprintln!("a link task that hangs: {}", board.speed());
+}
+
+on_each_board!(a_link_task_that_is_called_no_more_ends_in_the_window_watchdog);
+/// Its interrupt stays masked, whatever lets it in again; all others have their rounds, idle among them.
+pub(super) fn a_link_task_that_is_called_no_more_ends_in_the_window_watchdog(on: On) {
+    let mut bench = Bench::start(on);
+    bench.push();
+    bench.board.mask_for_good(OTG_FS).unwrap();
+    let fed = bench.board.chip().feeds;
+    for _ in 0..48 {
+        bench.board.tick_alone().unwrap();
+    }
+    bench.board.idle_steps(300).unwrap();
+    assert_eq!(bench.board.chip().feeds, fed, "fed without the link");
+    assert!(bench.outputs().enable);
+    assert!(warned(&mut bench.board));
+    assert!(!bench.outputs().enable);
+    assert_eq!(bench.outputs().duty, [NO_CURRENT; 3]);
+    let (board, told) = told(on, bench.board, reset::SOFTWARE);
+    // Control and telemetry.
+    assert_eq!(told, (BY_FAULT_HANDLER, WATCHDOG, 0b101));
+    eprintln!("a link task that is called no more: {}", board.speed());
+}
+
+on_each_board!(a_control_task_that_is_called_no_more_ends_in_the_window_watchdog);
+/// While the others are, by an interrupt that has no business to come.
+pub(super) fn a_control_task_that_is_called_no_more_ends_in_the_window_watchdog(on: On) {
+    let mut bench = Bench::start(on);
+    let fed = bench.board.chip().feeds;
+    bench.board.interrupt(EXTI0).unwrap();
+    bench.board.idle_steps(300).unwrap();
+    assert_eq!(bench.board.chip().feeds, fed, "fed without control");
+    assert!(warned(&mut bench.board));
+    let (board, told) = told(on, bench.board, reset::SOFTWARE);
+    // Link and telemetry.
+    assert_eq!(told, (BY_FAULT_HANDLER, WATCHDOG, 0b110));
+    eprintln!("a control task that is called no more: {}", board.speed());
 }
 
 on_each_board!(a_program_that_runs_astray_takes_the_torque_off_and_says_where);

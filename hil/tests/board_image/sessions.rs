@@ -1,10 +1,28 @@
 //! Sessions: what the image renders is what the shared code renders here, to the bit, as pulses of the right width.
 
 use super::{Bench, DARK, NO_CURRENT, On, duty};
+use sutura_hil::board_image::CycleCounter;
 use sutura_shared::wire::List;
 use sutura_shared::wire::message::{
     Command, Contact, Course, Friction, Mode, Needle, Row, RowKind, Rows, State, Tip,
 };
+
+on_each_board!(what_is_done_in_the_processors_place_is_what_it_does);
+/// Where the stand-in has stopped it anyway, it goes on to the next register: see `hil/src/board_image/between.rs`.
+fn what_is_done_in_the_processors_place_is_what_it_does(on: On) {
+    let mut bench = Bench::start(on);
+    bench.push();
+    bench.board.begin_and_stand().unwrap();
+    let tick = bench.board.compare(1000);
+    let tick = tick.unwrap_or_else(|error| panic!("{error}"));
+    let mut bench = Bench::start(on);
+    bench.push();
+    bench.board.hang_link().unwrap();
+    let link = bench.board.compare(1500);
+    let link = link.unwrap_or_else(|error| panic!("{error}"));
+    eprintln!("compared: {tick} of 1000 in a tick, {link} of 1500 in the link task");
+    assert!(tick > 400 && link > 200, "{tick} {link}");
+}
 
 /// A hand that moves: counts of the three encoders in a tick, of which the second goes through the ends of its counter.
 fn hand(tick: u32) -> [i32; 3] {
@@ -133,6 +151,12 @@ on_each_board!(a_silent_host_is_felt_no_longer_and_then_disarmed);
 pub(super) fn a_silent_host_is_felt_no_longer_and_then_disarmed(on: On) {
     let mut bench = Bench::start(on);
     bench.push();
+    fall_silent(&mut bench);
+    bench.say_speed("a silent host");
+}
+
+/// The last contact has come: nothing but age follows.
+fn fall_silent(bench: &mut Bench) {
     let sent_us = bench
         .state
         .map(|(time, state)| time - u64::from(state.contact_age_us))
@@ -150,12 +174,26 @@ pub(super) fn a_silent_host_is_felt_no_longer_and_then_disarmed(on: On) {
         if !bench.outputs().enable {
             off_after.get_or_insert(age_us);
         }
+        assert_eq!(state.faults, 0, "{state:?}");
     }
     // Horizon and 30 ms of decay; horizon and 500 ms.
     assert!(none_after.unwrap() <= 131_000, "{none_after:?}");
     assert!(off_after.unwrap() <= 601_000, "{off_after:?}");
     assert_eq!(bench.outputs(), DARK);
-    bench.say_speed("a silent host");
+}
+
+on_each_board!(a_cycle_counter_that_races_or_jumps_ages_nothing_and_is_no_fault);
+/// With a host and then without one, every state is what the shared code gives here, which has no such counter.
+pub(super) fn a_cycle_counter_that_races_or_jumps_ages_nothing_and_is_no_fault(on: On) {
+    // A hundred ticks on at every reading, of which a tick has two; and any number, as often back as on.
+    for counter in [CycleCounter::Moves(100 * 168_000), CycleCounter::Jumps] {
+        let mut bench = Bench::start(on);
+        bench.board.chip().lines.cycle_counter = counter;
+        bench.push();
+        assert_ne!(bench.board.chip().cycles, 0, "nobody reads it");
+        fall_silent(&mut bench);
+        bench.say_speed("a cycle counter that races or jumps");
+    }
 }
 
 on_each_board!(a_contact_that_is_to_be_good_for_ever_is_not);

@@ -67,6 +67,24 @@ fn what_is_not_0_is_watched_and_what_was_read_as_0_then_is_told() {
 }
 
 #[test]
+fn a_cycle_counter_that_does_not_stand_is_watched_and_moves_at_every_reading() {
+    let mut chip = Chip::new(Board::NucleoF446ze);
+    let watched = |chip: &Chip| chip.watched().contains(&(DWT_CYCCNT, 4));
+    let mut read = |counter| {
+        chip.lines.cycle_counter = counter;
+        (watched(&chip), [0; 3].map(|_| chip.read(DWT_CYCCNT)))
+    };
+    assert_eq!(read(CycleCounter::Stands), (false, [0; 3]));
+    let back = 1_u32.wrapping_neg();
+    assert_eq!(
+        read(CycleCounter::Moves(back)),
+        (true, [back, back - 1, back - 2])
+    );
+    let (is_watched, [a, b, c]) = read(CycleCounter::Jumps);
+    assert!(is_watched && a != b && b != c && a != c);
+}
+
+#[test]
 fn a_dead_crystal_is_waited_for_and_counted() {
     let mut chip = Chip::new(Board::OlimexH405);
     chip.write(RCC_CR, 0x83 | HSE_ON);
