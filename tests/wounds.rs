@@ -1075,12 +1075,12 @@ fn a_suture_that_rubs_is_closed_span_by_span() {
             &[0.0, 3.0, 6.0, 17.0, 90.0, 200.0][..],
             &[[23.0, 27.96], [33.65, 38.61]][..],
         ),
-        false => (&[125][..], &[17.0][..], &[[23.0, 27.96]][..]),
+        false => (&[250][..], &[17.0][..], &[[23.0, 27.96]][..]),
     };
     for rate_hz in rates_hz {
         let mut all = Vec::new();
         for degrees in degrees {
-            let rate = "host_hz = 125.0";
+            let rate = "host_hz = 250.0";
             let text = by_hand(*degrees);
             assert_eq!(text.matches(rate).count(), 1);
             let text = text.replace(rate, &format!("host_hz = {rate_hz}.0"));

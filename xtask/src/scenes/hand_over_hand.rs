@@ -267,6 +267,6 @@ hold = [
     text.push_str("# Draws.\n");
     write::hand(&mut text, HAND, REACH_M, &hands.draws);
     write::console_hand(&mut text, &hands.console);
-    text.push_str("[host]\nhost_hz = 125.0\nhorizon_ms = 60.0\n");
+    text.push_str("[host]\nhost_hz = 250.0\nhorizon_ms = 60.0\n");
     text
 }
