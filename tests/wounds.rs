@@ -1075,7 +1075,7 @@ fn a_suture_that_rubs_is_closed_span_by_span() {
             &[0.0, 3.0, 6.0, 17.0, 90.0, 200.0][..],
             &[[23.0, 27.96], [33.65, 38.61]][..],
         ),
-        false => (&[250][..], &[17.0][..], &[[23.0, 27.96]][..]),
+        false => (&[250][..], &[90.0][..], &[[23.0, 27.96]][..]),
     };
     for rate_hz in rates_hz {
         let mut all = Vec::new();
@@ -1097,10 +1097,11 @@ fn a_suture_that_rubs_is_closed_span_by_span() {
         }
         let [p50, p99, worst] = spread(all);
         println!("{rate_hz} Hz: {p50:.4}, {p99:.4}, {worst:.4}");
-        let most = match (full(), rate_hz) {
-            (true, 125) => 0.11,
-            (true, _) => 0.04,
-            _ => 0.015,
+        // As shipped it is 1 % in every tick.
+        let most = match rate_hz {
+            125 => 0.11,
+            250 => 0.01,
+            _ => 0.02,
         };
         assert!(
             p50 < 0.0015 && p99 < 0.0085 && worst < most,

@@ -52,12 +52,13 @@ pub(super) fn faces_each_other(
     own.dot(normal) <= -OPPOSITE * own.norm()
 }
 
-/// Whether a face beside another one rises above that one's plane, as in a valley.
-pub(super) fn rises(face: &[u32; 3], next: &[u32; 3], at: impl Fn(u32) -> Vector3<f64>) -> bool {
+/// How far a face beside another one rises above that one's plane \[m\], as in a valley; below 0 if it falls away.
+pub(super) fn rise_m(face: &[u32; 3], next: &[u32; 3], at: impl Fn(u32) -> Vector3<f64>) -> f64 {
     let [a, b, c] = face.map(&at);
-    let normal = (b - a).cross(&(c - a));
+    let normal = (b - a).cross(&(c - a)).try_normalize(0.0);
     let beyond = next.iter().filter(|node| !face.contains(node));
-    beyond.map(|node| normal.dot(&(at(*node) - a))).sum::<f64>() > 0.0
+    let heights = beyond.map(|node| normal.unwrap_or_default().dot(&(at(*node) - a)));
+    heights.fold(f64::NEG_INFINITY, f64::max)
 }
 
 /// Sum of the nodes' positions times weights.

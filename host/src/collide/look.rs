@@ -6,7 +6,7 @@
 //! latter is enough: of edges only those are taken up at first that have no node of such a pair.
 
 use super::body::Pair;
-use super::feature_pair::{faces_each_other, rises, stance, stance_along, weighted};
+use super::feature_pair::{faces_each_other, rise_m, stance, stance_along, weighted};
 use super::near::Nearby;
 use super::pairs::Path;
 use super::sweep::{Margin, Verdict};
@@ -107,11 +107,9 @@ impl TouchState {
         });
         let mut any = false;
         for new in found.iter() {
-            if self
-                .pairs
-                .iter()
-                .any(|old| says_the_same(old, new, |node| self.at[node as usize]))
-            {
+            let said =
+                |old: &Kept| says_the_same(old, new, separation_m, |node| self.at[node as usize]);
+            if self.pairs.iter().any(said) {
                 continue;
             }
             let features = features(&new.kept);
@@ -196,8 +194,9 @@ fn features(kept: &Kept) -> [Feature; 2] {
 }
 
 /// Whether a pair that is kept holds what a new one would: the same points along nearly the same direction, or one
-/// vertex at two faces that share nodes while it is not over the new one, unless that rises: in a valley both hold it.
-fn says_the_same(old: &Kept, new: &Found, at: impl Fn(u32) -> Vector3<f64>) -> bool {
+/// vertex at two faces that share nodes while it is not over the new one, unless that rises
+/// by more than `valley_m`: in a valley both hold it.
+fn says_the_same(old: &Kept, new: &Found, valley_m: f64, at: impl Fn(u32) -> Vector3<f64>) -> bool {
     if old.part != new.kept.part || new.outside < -BEYOND {
         return false;
     }
@@ -205,7 +204,7 @@ fn says_the_same(old: &Kept, new: &Found, at: impl Fn(u32) -> Vector3<f64>) -> b
     match (&old.pair, &new.kept.pair) {
         (Pair::VertexFace(v, face), Pair::VertexFace(w, other))
         | (Pair::FaceVertex(face, v), Pair::FaceVertex(other, w)) => {
-            v == w && shared(face, other) && !rises(face, other, at)
+            v == w && shared(face, other) && rise_m(face, other, at) <= valley_m
         }
         _ => {
             let new = &new.kept;

@@ -6,7 +6,7 @@
 //! a step and is made good by the next. Pairs are inequalities, so that none ever pulls.
 
 use super::body::Pair;
-use super::feature_pair::{FeaturePair, rises, stance, weighted};
+use super::feature_pair::{FeaturePair, rise_m, stance, weighted};
 use super::look::TouchWork;
 use super::touch::Touching;
 use crate::anchors::{AnchorPoint, PointConstraint};
@@ -307,7 +307,10 @@ fn wandered(
             Pair::EdgeEdge(..) => return None,
         };
         let presses = kept.force_n > 0.0 && pair == kept.pair;
-        if presses && stance.outside <= VALLEY && rises(&face, &next, &at) {
+        if presses
+            && stance.outside <= VALLEY
+            && rise_m(&face, &next, &at) > touching.separation_m()
+        {
             return Some((pair, stance));
         }
         pair = match pair {

@@ -249,8 +249,8 @@ fn a_block_slips_beyond_the_cone_and_not_within_it() {
     };
     let [(_, half_m), (within, within_m), (beyond, beyond_m)] = [0.5, 0.99, 1.01].map(slipped);
     assert!((0.985..0.9999).contains(&within), "{within}");
-    // The cones stand on faces that are bent a little.
-    assert!((beyond - 1.0).abs() < 5e-3, "{beyond}");
+    // The cones stand on faces that are bent a little, and on both sides of valleys that are pressed into them.
+    assert!((0.99..1.005).contains(&beyond), "{beyond}");
     assert!(within_m < 3.0 * half_m && beyond_m > 2.5 * within_m);
 }
 
