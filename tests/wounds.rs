@@ -1069,15 +1069,18 @@ fn spread(mut errors: Vec<f64>) -> [f64; 3] {
 fn a_suture_that_rubs_is_closed_span_by_span() {
     // The console draws twice. Where a stretch begins to slide, or tubes to press, the slope changes within a frame. At 125 frames a second a rim
     // slips over a corner of the other one in one of these twelve draws: then tensions fall by a tenth within 30 ms.
-    let (rates_hz, degrees, draws_s) = match full() {
+    let all_turns = &[0.0, 3.0, 6.0, 17.0, 90.0, 200.0][..];
+    let (cases, draws_s) = match full() {
         true => (
-            &[125, 250, 500][..],
-            &[0.0, 3.0, 6.0, 17.0, 90.0, 200.0][..],
+            [(250, all_turns), (500, all_turns), (125, all_turns)].to_vec(),
             &[[23.0, 27.96], [33.65, 38.61]][..],
         ),
-        false => (&[250][..], &[90.0][..], &[[23.0, 27.96]][..]),
+        false => (
+            [(250, &[90.0][..]), (500, &[17.0])].to_vec(),
+            &[[23.0, 27.96]][..],
+        ),
     };
-    for rate_hz in rates_hz {
+    for (rate_hz, degrees) in cases {
         let mut all = Vec::new();
         for degrees in degrees {
             let rate = "host_hz = 250.0";
@@ -1097,11 +1100,11 @@ fn a_suture_that_rubs_is_closed_span_by_span() {
         }
         let [p50, p99, worst] = spread(all);
         println!("{rate_hz} Hz: {p50:.4}, {p99:.4}, {worst:.4}");
-        // As shipped it is 1 % in every tick.
+        // As shipped it is 1 % in every tick. At 500 a rim slips over a corner, too, by less.
         let most = match rate_hz {
             125 => 0.11,
             250 => 0.01,
-            _ => 0.02,
+            _ => 0.0105,
         };
         assert!(
             p50 < 0.0015 && p99 < 0.0085 && worst < most,

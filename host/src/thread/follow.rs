@@ -22,8 +22,9 @@ const MOST_ROWS: usize = 128;
 const MOST_SETS: u32 = 64;
 const ONE_BY_ONE: u32 = 16;
 
-/// What is nearer to a bound than this part of it is at it.
-const REACHED: f64 = 1e-3;
+/// What is nearer to a bound than this part of it counts as at it for what follows when a hand moves on. As the tissue settles under a hand
+/// that rests, friction falls back by so little, and is at its bound again within some micrometres: less than an encoder's count.
+const REACHED: f64 = 0.03;
 
 /// Scratch for the rows on lengths of one thread.
 pub(crate) struct FollowWork {
