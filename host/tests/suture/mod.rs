@@ -3,6 +3,7 @@
 mod back;
 mod by_hand;
 mod cut;
+mod ends;
 mod extremes;
 mod friction;
 mod gives;

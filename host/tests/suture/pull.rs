@@ -191,7 +191,7 @@ pub fn tangents_are_true(bench: &mut Bench, report: &StepReport) {
 }
 
 /// Tensions before and after each passage through tissue, and the turn from the path alone \[rad\].
-fn passages(path: &[ThreadPoint]) -> Vec<([f64; 2], f64)> {
+pub fn passages(path: &[ThreadPoint]) -> Vec<([f64; 2], f64)> {
     let at = |point: &ThreadPoint| Vector3::from(point.at_m);
     let places = |what: ThreadPlace| {
         let places = path.iter().enumerate();

@@ -7,7 +7,7 @@ use sutura_host::collide::{TouchSettings, gaps_m, penetration_m};
 use sutura_host::scene::{Document, Scene, position_at};
 use sutura_host::session::SceneSolver;
 use sutura_host::step::{State, Status, StepOptions, StepReport, Workspace, step};
-use sutura_host::thread::{ThreadEnd, ThreadHold, ThreadPlace, ThreadPoint};
+use sutura_host::thread::{ThreadEnd, ThreadHold, ThreadPart, ThreadPlace, ThreadPoint};
 use sutura_host::tool::ToolSample;
 use sutura_host::wound::Wound;
 use sutura_testkit::full;
@@ -34,13 +34,13 @@ const IN_TURNS: &Order = &[
 const IN_FEW_STEPS: &Order = &[([1.0, 1.0], 40)];
 
 /// Steps on the spot after that.
-const REST: u32 = 10;
+pub const REST: u32 = 10;
 
 /// Sewn, held at both ends, and not pulled yet.
-struct Sewn {
-    scene: Scene,
-    solver: SceneSolver,
-    state: State,
+pub struct Sewn {
+    pub scene: Scene,
+    pub solver: SceneSolver,
+    pub state: State,
     /// Where the hands begin and end.
     hands: [Vec<ToolSample>; 2],
 }
@@ -69,12 +69,24 @@ impl Sewn {
 
     /// The same on another tissue.
     fn read(name: &str, strands: u8, tissue: &str) -> Self {
+        Self::of(name, tissue, |part| part.through.strands = strands)
+    }
+
+    /// The same of a thread that rubs.
+    pub fn that_rubs(name: &str, friction: f64) -> Self {
+        Self::of(name, "linear", |part| {
+            part.through.strands = 1;
+            part.friction = friction;
+        })
+    }
+
+    fn of(name: &str, tissue: &str, change: impl Fn(&mut ThreadPart)) -> Self {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes");
         let text = std::fs::read_to_string(root.join(name)).expect("a scene");
         let model = format!("model = \"{tissue}\"");
         let text = text.replacen("model = \"linear\"", &model, 1);
         let mut scene = Scene::read(&Document::embedded(name, &root, &text), name).expect("good");
-        scene.threads[0].part.through.strands = strands;
+        change(&mut scene.threads[0].part);
         let mut solver = SceneSolver::new(&scene).expect("a solver");
         let held_s = scene.threads[0].holds.last().expect("held").time_s + 0.05;
         let next = follow(&scene, &mut solver, 0, held_s);
@@ -91,7 +103,7 @@ impl Sewn {
     }
 
     /// The hands after parts of `upto` of their ways; the console's is at the head, the others at the tail.
-    fn samples(&self, upto: f64, parts: [f64; 2], time_us: u64) -> Vec<ToolSample> {
+    pub fn samples(&self, upto: f64, parts: [f64; 2], time_us: u64) -> Vec<ToolSample> {
         let [begin, end] = &self.hands;
         let both = begin.iter().zip(end).enumerate();
         both.map(|(index, (begin, end))| {
@@ -166,6 +178,16 @@ impl Sewn {
     }
 
     fn suture(&self, pulled: &Pulled) -> Suture {
+        self.suture_of(&self.turning(&pulled.path))
+    }
+
+    /// The points at which a path turns.
+    pub fn turning(&self, path: &[ThreadPoint]) -> Vec<ThreadPoint> {
+        turning(path, 0.15 * self.scene.mesh.surface().mean_edge_m)
+    }
+
+    /// Of a path that turns there, with all nodes at rest.
+    pub fn suture_of(&self, path: &[ThreadPoint]) -> Suture {
         let scene = &self.scene;
         let edge_m = scene.mesh.surface().mean_edge_m;
         let [one, other] = &scene.touching[0].faces;
@@ -173,7 +195,7 @@ impl Sewn {
         Suture::new(
             (&scene.mesh, &scene.fixed),
             |cell| scene.materials.of(cell),
-            &turning(&pulled.path, 0.15 * edge_m),
+            path,
             Some(apart),
         )
     }

@@ -1,6 +1,7 @@
 //! The least energy of a whole suture, from rest: linear tissue, a thread of one tension through given faces, bodies kept apart.
 //!
-//! Entry points: [`Suture::new`], then [`Suture::pulled`] with a tension or [`Suture::drawn`] with a length. It shares mesh and
+//! Entry points: [`Suture::new`], then [`Suture::pulled`] with a tension, which may differ along the path ([`Suture::in_shares`]), or
+//! [`Suture::drawn`] with a length. It shares mesh and
 //! path with the solver and none of its rows: 1/2 u'Ku + T sum |y| + a barrier between bodies, over the displacements of all nodes, by
 //! Newton's method with a line search. T sum |y| is convex, and a thread of given length has the tension with which it is as
 //! long as that. Bodies that are kept apart may have several balances: what is found is that to which a tension leads that grows.
@@ -100,6 +101,8 @@ pub struct Suture {
     /// Below the diagonal, each entry once \[N/m\].
     stiffness: Vec<Triplet<usize, usize, f64>>,
     path: Vec<Stop>,
+    /// What the tension is multiplied by in each piece of the path.
+    shares: Vec<f64>,
     apart: Option<Apart>,
 }
 
@@ -162,6 +165,7 @@ impl Suture {
         };
         let mut suture = Self {
             path: path.iter().map(stop).collect(),
+            shares: vec![1.0; path.len() - 1],
             rest,
             first,
             unknowns,
@@ -210,6 +214,13 @@ impl Suture {
         entries
             .map(|entry| Triplet::new(entry.row, entry.col, *entry.val))
             .collect()
+    }
+
+    /// With tensions that differ from piece to piece, whatever moves: in these parts of that which is given.
+    pub fn in_shares(mut self, shares: Vec<f64>) -> Self {
+        assert_eq!(shares.len(), self.shares.len());
+        self.shares = shares;
+        self
     }
 
     fn stamp(&self) -> Stamp<'_> {
@@ -279,8 +290,9 @@ impl Suture {
     /// Length of the path as it is rounded \[m\], times the tension.
     fn thread_j(&self, at: &[Vector3<f64>], tension_n: f64, stamp: &mut Option<&mut Stamp>) -> f64 {
         let mut energy = 0.0;
-        for (way, terms) in self.pieces(at) {
+        for ((way, terms), share) in self.pieces(at).into_iter().zip(&self.shares) {
             let length = way.norm().hypot(ROUND_M);
+            let tension_n = tension_n * share;
             energy += tension_n * length;
             if let Some(stamp) = stamp {
                 let along = way / length;
