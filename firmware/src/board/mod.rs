@@ -52,7 +52,25 @@ pub use stm32f4::*;
 #[cfg(feature = "virtual")]
 pub use virtual_console::*;
 #[cfg(not(feature = "virtual"))]
-pub use wiring::{DEVICE, IDENTITY};
+use wiring::CONSOLE;
+
+/// The console that hangs on this board, as the control loop knows it.
+#[cfg(not(feature = "virtual"))]
+pub const DEVICE: DeviceDescription = {
+    assert!(NAME.len() <= CONSOLE.device.name.len());
+    if let Err(error) = CONSOLE.check() {
+        panic!("{}", error.rule);
+    }
+    CONSOLE.device
+};
+
+/// What the console says of itself.
+#[cfg(not(feature = "virtual"))]
+pub const IDENTITY: Identity = Identity {
+    tick_hz: TICK_HZ,
+    simulated: false,
+    device_name: DEVICE.name,
+};
 
 /// The board's name: that of its feature, its image and its device.
 const NAME: &str = match () {
@@ -73,7 +91,13 @@ pub const fn identification(image: &str) -> [u8; identification::LENGTH] {
 pub use stm32f4xx_hal::pac;
 
 use crate::crash_record::CrashRecord;
+#[cfg(not(feature = "virtual"))]
+use sutura_shared::control::TICK_HZ;
+#[cfg(not(feature = "virtual"))]
+use sutura_shared::device::DeviceDescription;
 use sutura_shared::identification::{self, Identification};
+#[cfg(not(feature = "virtual"))]
+use sutura_shared::link::Identity;
 #[cfg(any(feature = "virtual", feature = "mutants"))]
 use sutura_shared::simulated_console::Without;
 use sutura_shared::wire::message::Report;
