@@ -72,11 +72,14 @@ pub use super::stm32f4::NoSensors as Sensors;
 #[cfg(feature = "mutants")]
 pub use fitted::Sensors;
 
+/// The board's name: that of its feature, its images and its device.
+pub const NAME: &str = "nucleo-f446ze";
+
 /// The console that hangs on this board.
 #[cfg(not(feature = "mutants"))]
-pub const CONSOLE: Console = devices::CONSOLE.named(super::NAME);
+pub const CONSOLE: Console = devices::CONSOLE.named(NAME);
 #[cfg(feature = "mutants")]
-pub const CONSOLE: Console = fitted::fit(devices::CONSOLE.named(super::NAME));
+pub const CONSOLE: Console = fitted::fit(devices::CONSOLE.named(NAME));
 
 /// The amplifiers' ready line.
 pub type Ready = PB9<Input>;

@@ -34,8 +34,11 @@ use stm32f4xx_hal::rcc::{Config, Enable, Rcc};
 use stm32f4xx_hal::{pac, prelude::*, qei::Qei};
 use sutura_shared::wire::message::Mode;
 
+/// The board's name: that of its feature, its images and its device.
+pub const NAME: &str = "olimex-h405";
+
 /// The console that hangs on this board.
-pub const CONSOLE: Console = devices::CONSOLE.named(super::NAME);
+pub const CONSOLE: Console = devices::CONSOLE.named(NAME);
 
 /// The amplifiers' ready line.
 pub type Ready = PB9<Input>;

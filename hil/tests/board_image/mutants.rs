@@ -51,7 +51,7 @@ macro_rules! checks {
 }
 
 checks! {
-    OlimexH405 {
+    OLIMEX_H405 {
         guards::the_emergency_stop_cuts_pulses_and_enable_and_is_a_fault:
             break_input emergency_stop stop_at_once stop_once stop_again faults_stay;
         guards::a_stop_shorter_than_a_tick_is_a_fault_as_well: stop_flag;
@@ -103,7 +103,7 @@ checks! {
         sessions::a_rough_session_is_felt_as_the_shared_code_renders_it:
             rubs residual swing bend along credit power;
     }
-    NucleoF446ze {
+    NUCLEO_F446ZE {
         fitted::a_motors_supply_that_is_unfit_under_power_is_a_fault: motor_supply;
         fitted::sensors_that_are_broken_or_hot_are_a_fault: sensors;
     }
@@ -148,13 +148,13 @@ fn every_guard_that_can_be_taken_out_is() {
 /// What is flashed has no switch, and no other image is taken for one that has.
 #[test]
 fn no_image_for_a_console_has_the_switch() {
-    for board in [Board::OlimexH405, Board::NucleoF446ze] {
+    for board in Board::ALL {
         let shipped = switch_of(&default_image(board));
         assert!(
             matches!(shipped, Err(BoardImageError::NoSwitch { .. })),
             "{shipped:?}"
         );
     }
-    let switch = switch_of(&default_mutants(Board::OlimexH405)).unwrap();
+    let switch = switch_of(&default_mutants(Board::OLIMEX_H405)).unwrap();
     assert!((0x2001_0000..0x2002_0000).contains(&switch), "{switch:#x}");
 }

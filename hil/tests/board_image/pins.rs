@@ -51,7 +51,7 @@ fn used(board: Board) -> Vec<(&'static str, Pin)> {
         ("A14", Debug),
     ];
     used.extend(match board {
-        Board::OlimexH405 => vec![
+        Board::OLIMEX_H405 => vec![
             ("B4", Timer(2)),
             ("A7", Timer(2)),
             ("B6", Timer(2)),
@@ -60,7 +60,7 @@ fn used(board: Board) -> Vec<(&'static str, Pin)> {
             ("B3", Timer(1)),
             ("C12", Out),
         ],
-        Board::NucleoF446ze => vec![
+        Board::NUCLEO_F446ZE => vec![
             ("B4", Timer(2)),
             ("B5", Timer(2)),
             ("D12", Timer(2)),
@@ -75,6 +75,7 @@ fn used(board: Board) -> Vec<(&'static str, Pin)> {
             // The probe listens to it.
             ("B3", Debug),
         ],
+        other => panic!("{} has no table here", other.name()),
     });
     used
 }
