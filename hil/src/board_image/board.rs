@@ -66,5 +66,16 @@ mod tests {
         let chip = |board: Board| format!("{:?}", board.model).to_lowercase();
         let run = Board::ALL.map(|board| (board.name, chip(board)));
         assert_eq!(built, run);
+        // Whoever writes one knows it by its name and its chip's, and a session by its device.
+        let mut written = sutura_board::BOARDS.map(|target| {
+            let letters = "stm32f405".len();
+            (target.name, target.chip[..letters].to_lowercase())
+        });
+        written.sort_unstable();
+        assert_eq!(written, run);
+        for (name, _) in run {
+            let device = format!("{}/../devices/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+            assert!(std::path::Path::new(&device).exists(), "{device}");
+        }
     }
 }
