@@ -16,6 +16,8 @@ const MODER: u32 = 0x00;
 const PUPDR: u32 = 0x0C;
 const AFR: [u32; 2] = [0x20, 0x24];
 const PWR_CR: u32 = 0x4000_7000;
+const TIM8_PSC: u32 = 0x4001_0428;
+const TIM8_ARR: u32 = 0x4001_042C;
 const TIM8_BDTR: u32 = 0x4001_0444;
 
 /// A pin's mode.
@@ -124,6 +126,14 @@ fn the_break_input_is_on_active_low_and_locked(on: On) {
         (0b11 << 10, 0b10 << 8, 1 << 12, 0, 0),
         "{control:#x}"
     );
+}
+
+on_each_board!(pulses_come_as_often_as_the_amplifier_takes_them);
+/// 4 kHz of 168 MHz: an ESCON takes 10 Hz to 5 kHz.
+fn pulses_come_as_often_as_the_amplifier_takes_them(on: On) {
+    let mut board = on.start();
+    let counts = [TIM8_PSC, TIM8_ARR].map(|register| board.chip().stored(register) + 1);
+    assert_eq!(168_000_000 / (counts[0] * counts[1]), 4000, "{counts:?}");
 }
 
 on_each_board!(no_interrupt_is_let_in_but_those_of_the_boards_own_tasks);
