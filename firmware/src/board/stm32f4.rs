@@ -4,7 +4,7 @@
 //!
 //! | pin | what | note |
 //! |---|---|---|
-//! | PC6, PC7, PC8 | TIM8 CH1 to CH3: current command of motor 1 to 3 | 4 kHz, 10 to 90 % duty, 50 % = no current |
+//! | PC6, PC7, PC8 | TIM8 CH1 to CH3: current command of motor 1 to 3 | pulses as the console's `set_point` says: 4 kHz, 10 to 90 % duty, 50 % = no current |
 //! | PC9 | TIM8 CH4: amplifier enable, high = on | **external 10 kOhm to ground**: the pin floats in reset |
 //! | PA6 | TIM8 BKIN: emergency stop, 3.3 V = run | normally closed contact to 3.3 V; open, or a broken wire, stops |
 //! | TIM3, TIM4, TIM2 CH1 and CH2 | encoder 1, 2, 3 A and B | on pins of the board |
