@@ -9,6 +9,8 @@ extern crate std;
 
 #[cfg(target_os = "none")]
 pub mod board;
+#[cfg(test)]
+mod bytes_to_pulses;
 pub mod control_side;
 pub mod crash_record;
 pub mod devices;

@@ -1,14 +1,18 @@
 //! Numbers to and from the motor timer, the encoder timers and the tick timer.
 //!
-//! Entry points: [`SetPoint`], [`StopLine`], [`Counter16`], [`TickClock`].
+//! Entry points: [`SetPoint`], [`PulseTimer`], [`StopLine`], [`Counter16`], [`TickClock`].
 
+use sutura_shared::device::DeviceError;
 use sutura_shared::mutant::stands;
+use sutura_shared::wire::validate::MAX_CURRENT;
 
 /// How an amplifier reads a set point from the width of its pulses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SetPoint {
     /// Pulses a second \[Hz\].
     pub frequency_hz: u32,
+    /// Fewest and most of them that the amplifier takes \[Hz\].
+    pub takes_hz: [u32; 2],
     /// Part of the period that means full current backwards.
     pub backwards: f32,
     /// Part of the period that means full current forwards; below [`Self::backwards`] for the other polarity.
@@ -21,20 +25,76 @@ impl SetPoint {
     /// maxon ESCON, set point by pulses, full scale at 10 and 90 % duty.
     ///
     /// The amplifier takes 10 Hz to 5 kHz, with an error of 0.5 % at 1 kHz and 2.5 % at 5 kHz (hardware reference, "PWM set
-    /// value"). 4 kHz: inside that, about 2 % on a straight line between the two; and a set point is 0.25 to
-    /// 0.5 ms old when it acts: up to a pulse until the timer takes it, and a pulse until the amplifier has measured it.
+    /// value"). 4 kHz: inside that, and about 2 % on a straight line between the two.
     pub const fn escon(full_scale_a: f32) -> SetPoint {
         SetPoint {
             frequency_hz: 4000,
+            takes_hz: [10, 5000],
             backwards: 0.1,
             forwards: 0.9,
             full_scale_a,
         }
     }
 
+    /// The same with so many pulses a second \[Hz\]: fewer are told more exactly, and later.
+    pub const fn at(self, frequency_hz: u32) -> SetPoint {
+        SetPoint {
+            frequency_hz,
+            ..self
+        }
+    }
+
+    /// How old a set point is when it acts, on average \[us\]: half a pulse until the timer takes it, and a pulse until the amplifier
+    /// has measured it.
+    pub const fn delay_us(&self) -> u32 {
+        match self.frequency_hz {
+            0 => u32::MAX,
+            frequency_hz => 1_500_000 / frequency_hz,
+        }
+    }
+
+    /// Checks that an amplifier can read it, and that one whose pulses have stopped reads no current.
+    ///
+    /// # Errors
+    /// [`DeviceError`] names the first field that is not as it must be.
+    pub const fn check(&self) -> Result<(), DeviceError> {
+        let [least_hz, most_hz] = self.takes_hz;
+        if self.frequency_hz < least_hz || self.frequency_hz > most_hz || self.frequency_hz == 0 {
+            return wrong("frequency_hz", "a frequency that the amplifier takes");
+        }
+        // No pulses are 0 %, and a line that is stuck may be 100.
+        if !is_within(self.backwards, 0.01, 0.99) {
+            return wrong("backwards", "a part of the period, 0.01 to 0.99");
+        }
+        if !is_within(self.forwards, 0.01, 0.99) {
+            return wrong("forwards", "a part of the period, 0.01 to 0.99");
+        }
+        if (self.forwards - self.backwards).abs() < LEAST_SPAN {
+            return wrong("forwards", "a tenth of the period from backwards or more");
+        }
+        if !is_within(self.full_scale_a, 1e-3, MAX_CURRENT) {
+            return wrong("full_scale_a", "0.001 to 1000 A");
+        }
+        Ok(())
+    }
+
     /// Counts of no current, of `period` counts.
     pub const fn none(&self, period: u16) -> u16 {
         (0.5 * (self.backwards + self.forwards) * period as f32 + 0.5) as u16
+    }
+
+    /// Fewest and most counts of a pulse, of `period` counts: what is beyond them by a hair is a fault to the amplifier.
+    const fn ends(&self, period: u16) -> [u16; 2] {
+        let turned = self.forwards < self.backwards;
+        let (low, high) = if turned {
+            (self.forwards, self.backwards)
+        } else {
+            (self.backwards, self.forwards)
+        };
+        let least = low * period as f32;
+        let cut = least as u16;
+        let up = if (cut as f32) < least { 1 } else { 0 };
+        [cut + up, (high * period as f32) as u16]
     }
 
     /// Counts of a pulse for a motor current \[A\], of `period` counts. A current beyond the scale is clamped; NaN means none.
@@ -52,8 +112,61 @@ impl SetPoint {
         };
         let middle = 0.5 * (self.forwards + self.backwards);
         let half = 0.5 * (self.forwards - self.backwards);
-        // Rounded: cut off, 10 % could become a hair less, which the amplifier takes for a fault.
-        ((middle + half * share) * f32::from(period) + 0.5) as u16
+        let [least, most] = self.ends(period);
+        let counts = ((middle + half * share) * f32::from(period) + 0.5) as u16;
+        counts.max(least).min(most)
+    }
+}
+
+/// Least part of the period between full current one way and the other: less is told too coarsely.
+const LEAST_SPAN: f32 = 0.1;
+
+const fn is_within(value: f32, least: f32, most: f32) -> bool {
+    value >= least && value <= most
+}
+
+const fn wrong(field: &'static str, rule: &'static str) -> Result<(), DeviceError> {
+    Err(DeviceError {
+        joint: None,
+        field,
+        rule,
+    })
+}
+
+/// How a timer of 16 bits makes pulses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PulseTimer {
+    /// The timer's clock is divided by one more than this.
+    pub prescaler: u16,
+    /// Counts of a period.
+    pub period: u16,
+}
+
+/// Fewest counts of a period: a current is told to a part in a hundred of the least span.
+const LEAST_COUNTS: u32 = 1000;
+
+impl PulseTimer {
+    /// As many counts a period as there can be.
+    ///
+    /// # Errors
+    /// [`DeviceError`] if the timer's clock is too slow for that frequency, or there is none.
+    pub const fn new(clock_hz: u32, frequency_hz: u32) -> Result<PulseTimer, DeviceError> {
+        let counts = match frequency_hz {
+            0 => 0,
+            frequency_hz => clock_hz / frequency_hz,
+        };
+        if counts < LEAST_COUNTS {
+            return Err(DeviceError {
+                joint: None,
+                field: "frequency_hz",
+                rule: "at most a thousandth of the timer's clock",
+            });
+        }
+        let prescaler = counts >> 16;
+        Ok(PulseTimer {
+            prescaler: prescaler as u16,
+            period: (counts / (prescaler + 1)) as u16,
+        })
     }
 }
 
@@ -224,10 +337,128 @@ mod tests {
         }
     }
 
-    /// What the manufacturer says that the amplifier takes: 10 Hz to 5 kHz.
+    /// Numbers from 0 to 1, always the same.
+    fn draws() -> impl FnMut() -> f32 {
+        let mut seed = 1_u32;
+        move || {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (seed >> 8) as f32 / (1 << 24) as f32
+        }
+    }
+
+    /// Set points of any frequency, span and polarity that are admissible, on timers of any period: pulses stay within the span, no
+    /// current is its middle, more current is a longer pulse forwards, and the other polarity is the mirror image.
     #[test]
-    fn pulses_come_as_fast_as_the_amplifier_takes_them() {
-        assert!((10..=5000).contains(&SET_POINT.frequency_hz));
+    fn any_admissible_set_point_keeps_its_pulses_within_its_span() {
+        let mut draw = draws();
+        let (mut admissible, mut turned_round) = (0, 0);
+        while admissible < 20_000 {
+            let set_point = SetPoint {
+                frequency_hz: (10.0 * 2000.0_f32.powf(draw())) as u32,
+                takes_hz: [10, 20_000],
+                backwards: draw(),
+                forwards: draw(),
+                full_scale_a: 0.1 + 30.0 * draw(),
+            };
+            if set_point.check().is_err() {
+                continue;
+            }
+            admissible += 1;
+            let timer = PulseTimer::new(168_000_000, set_point.frequency_hz).expect("slow enough");
+            let period = timer.period;
+            let parts = [set_point.backwards, set_point.forwards].map(f64::from);
+            let span = [parts[0].min(parts[1]), parts[0].max(parts[1])];
+            let [a, b] = [0, 1].map(|_| 2.0 * set_point.full_scale_a * (2.0 * draw() - 1.0));
+            for current_a in [a, b, f32::MAX, f32::MIN, f32::INFINITY, f32::NAN, -0.0] {
+                let counts = set_point.duty(current_a, period);
+                let part = f64::from(counts) / f64::from(period);
+                // Half a count of single precision.
+                let hair = 0.01 / f64::from(period);
+                assert!(
+                    part >= span[0] - hair && part <= span[1] + hair,
+                    "{set_point:?}: {current_a} A are {counts} of {period}"
+                );
+                let scale = f64::from(set_point.full_scale_a);
+                let share = (f64::from(current_a) / scale).clamp(-1.0, 1.0);
+                let share = if share.is_nan() { 0.0 } else { share };
+                let wanted = 0.5 * (parts[0] + parts[1]) + 0.5 * share * (parts[1] - parts[0]);
+                let off = (part - wanted).abs() * f64::from(period);
+                assert!(
+                    off <= 1.01,
+                    "{set_point:?}: {current_a} A is off by {off} counts"
+                );
+            }
+            assert_eq!(set_point.duty(0.0, period), set_point.none(period));
+            let forwards = set_point.forwards > set_point.backwards;
+            turned_round += u32::from(!forwards);
+            let rises = set_point.duty(a.max(b), period) >= set_point.duty(a.min(b), period);
+            let falls = set_point.duty(a.max(b), period) <= set_point.duty(a.min(b), period);
+            assert!(if forwards { rises } else { falls }, "{set_point:?}");
+            let other = SetPoint {
+                backwards: set_point.forwards,
+                forwards: set_point.backwards,
+                ..set_point
+            };
+            let apart = other.duty(a, period).abs_diff(set_point.duty(-a, period));
+            assert!(apart <= 1, "{set_point:?}: {apart} counts apart");
+        }
+        assert!((5000..15_000).contains(&turned_round), "{turned_round}");
+    }
+
+    /// 10 Hz to 5 kHz are what the manufacturer says that the amplifier takes.
+    #[test]
+    fn what_an_amplifier_cannot_read_is_refused_by_its_field() {
+        assert_eq!(SET_POINT.check(), Ok(()));
+        assert_eq!(SET_POINT.at(1000).check(), Ok(()));
+        type Change = fn(&mut SetPoint);
+        let refused: [(&str, Change); 12] = [
+            ("frequency_hz", |s| s.frequency_hz = 20_000),
+            ("frequency_hz", |s| s.frequency_hz = 9),
+            ("frequency_hz", |s| {
+                (s.frequency_hz, s.takes_hz) = (0, [0, 0])
+            }),
+            ("backwards", |s| s.backwards = 0.0),
+            ("backwards", |s| s.backwards = f32::NAN),
+            ("forwards", |s| s.forwards = 1.0),
+            ("forwards", |s| s.forwards = f32::NAN),
+            ("forwards", |s| s.forwards = s.backwards),
+            ("forwards", |s| s.forwards = s.backwards + 0.09),
+            ("full_scale_a", |s| s.full_scale_a = 0.0),
+            ("full_scale_a", |s| s.full_scale_a = -5.0),
+            ("full_scale_a", |s| s.full_scale_a = f32::INFINITY),
+        ];
+        for (field, change) in refused {
+            let mut set_point = SET_POINT;
+            change(&mut set_point);
+            let error = set_point.check().expect_err(field);
+            assert_eq!(error.field, field, "{set_point:?}");
+        }
+    }
+
+    #[test]
+    fn a_set_point_acts_a_pulse_and_a_half_later() {
+        assert_eq!(SET_POINT.delay_us(), 375);
+        assert_eq!(SET_POINT.at(1000).delay_us(), 1500);
+        assert_eq!(SET_POINT.at(0).delay_us(), u32::MAX);
+    }
+
+    #[test]
+    fn a_timer_takes_as_many_counts_as_16_bits_have_room_for() {
+        let timer = |frequency_hz| PulseTimer::new(168_000_000, frequency_hz);
+        let is = |prescaler, period| Ok(PulseTimer { prescaler, period });
+        assert_eq!(timer(4000), is(0, 42_000));
+        assert_eq!(timer(1000), is(2, 56_000));
+        for frequency_hz in 10..=168_000 {
+            let timer = timer(frequency_hz).expect("within its range");
+            let counts = (u32::from(timer.prescaler) + 1) * u32::from(timer.period);
+            let made_hz = 168e6 / f64::from(counts);
+            let error = made_hz / f64::from(frequency_hz) - 1.0;
+            assert!(error.abs() < 1e-3, "{frequency_hz} Hz: {timer:?}");
+            assert!(timer.prescaler == 0 || timer.period > 32_000, "{timer:?}");
+        }
+        for frequency_hz in [0, 168_001, u32::MAX] {
+            assert!(timer(frequency_hz).is_err(), "{frequency_hz}");
+        }
     }
 
     /// The line, tick by tick, with the flag as the timer keeps it: it follows an opening at any time.

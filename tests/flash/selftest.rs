@@ -25,12 +25,12 @@ const BUSY: (&[u8], Duration) = (b"busy emulator\r\n", Duration::from_secs(1));
 
 #[test]
 fn olimex_h405() {
-    goes_its_whole_way(Board::OlimexH405, "07*128Kg");
+    goes_its_whole_way(Board::OLIMEX_H405, "07*128Kg");
 }
 
 #[test]
 fn nucleo_f446ze() {
-    goes_its_whole_way(Board::NucleoF446ze, "03*128Kg");
+    goes_its_whole_way(Board::NUCLEO_F446ZE, "03*128Kg");
 }
 
 /// `sectors`: how the board's loader names the larger ones.

@@ -10,36 +10,75 @@ use crate::run::{Tool, root};
 use crate::setup::{self, QEMU};
 use crate::toolchain::{TARGET, Toolchain};
 use anyhow::{Context, Result, bail};
-use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// A board of `firmware/src/board`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Board {
-    /// Olimex STM32-H405.
-    #[value(name = "olimex-h405")]
-    OlimexH405,
-    /// ST NUCLEO-F446ZE.
-    #[value(name = "nucleo-f446ze")]
-    NucleoF446ze,
-    /// QEMU's netduinoplus2 with a simulated console.
-    Virtual,
+/// A board of `firmware/src/board`: a feature of its package.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Board {
+    name: String,
+    /// It has motors, and so a self-test, and an image that can go without a guard.
+    motors: bool,
+}
+
+/// What is read of `firmware/Cargo.toml`.
+#[derive(Deserialize)]
+struct Manifest {
+    features: BTreeMap<String, Vec<String>>,
 }
 
 impl Board {
-    /// Every board.
-    pub const ALL: [Board; 3] = [Board::OlimexH405, Board::NucleoF446ze, Board::Virtual];
-
-    /// Name of its cargo feature.
-    pub fn name(self) -> &'static str {
-        match self {
-            Board::OlimexH405 => "olimex-h405",
-            Board::NucleoF446ze => "nucleo-f446ze",
-            Board::Virtual => "virtual",
+    /// QEMU's netduinoplus2 with a simulated console.
+    pub fn simulated() -> Board {
+        Board {
+            name: "virtual".to_owned(),
+            motors: false,
         }
     }
+
+    /// Every board: those whose feature has `motors`, and the simulated one.
+    ///
+    /// # Errors
+    /// If `firmware/Cargo.toml` cannot be read.
+    pub fn all() -> Result<Vec<Board>> {
+        let path = root().join("firmware/Cargo.toml");
+        let text = std::fs::read_to_string(&path)
+            .with_context(|| format!("cannot read {}", path.display()))?;
+        let manifest: Manifest =
+            toml::from_str(&text).with_context(|| format!("cannot read {}", path.display()))?;
+        let mut boards = with_motors(&manifest);
+        boards.push(Board::simulated());
+        Ok(boards)
+    }
+
+    /// The board of a name, for the command line.
+    ///
+    /// # Errors
+    /// What boards there are.
+    pub fn of_name(name: &str) -> Result<Board> {
+        let boards = Board::all()?;
+        let names: Vec<_> = boards.iter().map(|board| board.name.clone()).collect();
+        let found = boards.into_iter().find(|board| board.name == name);
+        found.with_context(|| format!("the boards are {}", names.join(", ")))
+    }
+
+    /// Name of its cargo feature.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+}
+
+fn with_motors(manifest: &Manifest) -> Vec<Board> {
+    let motors = |needs: &Vec<String>| needs.iter().any(|need| need == "motors");
+    let features = manifest.features.iter();
+    features
+        .filter(|(_, needs)| motors(needs))
+        .map(|(name, _)| Board {
+            name: name.clone(),
+            motors: true,
+        })
+        .collect()
 }
 
 /// Most that a lock shared with the control task may hold, whoever takes it \[instructions\].
@@ -74,7 +113,7 @@ fn image_path(binary: &str) -> PathBuf {
 }
 
 /// Builds one board's image, saying nothing when it is fresh.
-fn build(toolchain: &Toolchain, board: Board) -> Result<()> {
+fn build(toolchain: &Toolchain, board: &Board) -> Result<()> {
     // Paths of this machine would end up in panic messages: sizes and epitaphs would differ between
     // machines.
     let remap = |from: PathBuf, to: &str| format!("--remap-path-prefix={}={to}", from.display());
@@ -96,17 +135,26 @@ fn build(toolchain: &Toolchain, board: Board) -> Result<()> {
     };
     let name = board.name();
     cargo(&format!("--features {name}"))?;
-    let mut images = vec![format!("sutura-{name}")];
-    if board != Board::Virtual {
-        images.push(format!("sutura-selftest-{name}"));
-        // Never beside the others: with that feature they are other images.
-        let mutants = format!("sutura-mutants-{name}");
-        cargo(&format!("--features {name},mutants --bin {mutants}"))?;
-        images.push(mutants);
+    if !board.motors {
+        return made_of::write(&image_path(&format!("sutura-{name}")));
     }
-    images
-        .iter()
-        .try_for_each(|image| made_of::write(&image_path(image)))
+    keep("sutura-console", &format!("sutura-{name}"))?;
+    keep("sutura-selftest", &format!("sutura-selftest-{name}"))?;
+    // Never beside the others: with that feature they are other images.
+    cargo(&format!("--features {name},mutants --bin sutura-mutants"))?;
+    keep("sutura-mutants", &format!("sutura-mutants-{name}"))
+}
+
+/// Puts an image under a board's name, before the next board's takes its place, with what it was made of.
+fn keep(built: &str, name: &str) -> Result<()> {
+    let (built, image) = (image_path(built), image_path(name));
+    for (from, to) in [
+        (built.clone(), image.clone()),
+        (built.with_extension("d"), image.with_extension("d")),
+    ] {
+        std::fs::copy(&from, &to).with_context(|| format!("cannot copy {}", from.display()))?;
+    }
+    made_of::write(&image)
 }
 
 /// Where cargo keeps the sources of dependencies.
@@ -117,7 +165,7 @@ fn cargo_home() -> PathBuf {
 }
 
 /// `cargo xtask firmware --board NAME`.
-pub fn build_one(board: Board, format: Format) -> Result<()> {
+pub fn build_one(board: &Board, format: Format) -> Result<()> {
     build(&Toolchain::ensure()?, board)?;
     if format == Format::Json {
         let image = image_path(&format!("sutura-{}", board.name()));
@@ -133,7 +181,7 @@ pub fn build_one(board: Board, format: Format) -> Result<()> {
 #[derive(Serialize)]
 struct Summary {
     rustc: String,
-    boards: BTreeMap<&'static str, Image>,
+    boards: BTreeMap<String, Image>,
     instructions: BTreeMap<String, u64>,
     cycles: BTreeMap<String, Estimate>,
     gates: Vec<Gate>,
@@ -147,7 +195,7 @@ pub fn gated(bless: bool, format: Format) -> Result<()> {
     let rustc = toolchain.version()?;
     let mut boards = BTreeMap::new();
     let mut snapshots = Vec::new();
-    for board in Board::ALL {
+    for board in &Board::all()? {
         eprintln!(
             "building the image for {} with {}",
             board.name(),
@@ -169,13 +217,13 @@ pub fn gated(bless: bool, format: Format) -> Result<()> {
             panic_symbols: image.panic_symbols.clone(),
             ..Snapshot::default()
         };
-        snapshots.push((board.name(), snapshot));
-        boards.insert(board.name(), image);
+        snapshots.push((board.name.clone(), snapshot));
+        boards.insert(board.name.clone(), image);
     }
     let instructions = count_instructions()?;
     let figures = instructions.clone();
     snapshots.push((
-        "instructions",
+        "instructions".to_owned(),
         Snapshot {
             rustc: rustc.clone(),
             figures,
@@ -342,4 +390,24 @@ fn fault_paths() -> Vec<Gate> {
             }
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn boards_are_the_features_with_motors_and_the_simulated_one() {
+        let text = "[features]\nb = [\"motors\", \"hal/b\"]\nvirtual = []\nmotors = []\na = [\"motors\"]\n";
+        let manifest: Manifest = toml::from_str(text).expect("a manifest");
+        let names: Vec<_> = with_motors(&manifest)
+            .into_iter()
+            .map(|board| board.name)
+            .collect();
+        assert_eq!(names, ["a", "b"]);
+        let all = Board::all().expect("the firmware's manifest");
+        assert!(all.len() > 1 && all.contains(&Board::simulated()));
+        let error = Board::of_name("no-such-board").expect_err("there is none");
+        assert!(error.to_string().contains("virtual"), "{error}");
+    }
 }

@@ -21,7 +21,7 @@ pub fn run(arguments: &[String]) -> Result<ExitCode> {
     let processes = (console == "virtual" || has("--relay")) && !asks_only;
     if console == "qemu" && !has("--image") && !asks_only {
         setup::qemu()?;
-        firmware::build_one(firmware::Board::Virtual, Format::Text)?;
+        firmware::build_one(&firmware::Board::simulated(), Format::Text)?;
     }
     let build = "cargo build --quiet --locked -p sutura-hil --features sutura-hil/bench";
     let build = Tool::new(build).arg("--bin").arg("sutura-hil-bench");

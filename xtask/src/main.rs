@@ -52,7 +52,7 @@ enum Command {
   cargo xtask firmware --format json      one JSON object on stdout")]
     Firmware {
         /// Only build this board's image: no figures, no gates.
-        #[arg(long, value_enum, conflicts_with_all = ["bless"])]
+        #[arg(long, value_parser = firmware::Board::of_name, conflicts_with_all = ["bless"])]
         board: Option<firmware::Board>,
         /// Write the figures to firmware/snapshots instead of comparing them.
         #[arg(long)]
@@ -218,7 +218,7 @@ fn main() -> ExitCode {
             board: Some(board),
             format,
             ..
-        } => firmware::build_one(board, format),
+        } => firmware::build_one(&board, format),
         Command::Firmware {
             board: None,
             bless,

@@ -14,7 +14,8 @@
 //! them: version 1 of the protocol has nothing that would carry them.
 
 use super::super::stm32f4::{Converter, Sampling, Sensed};
-use crate::drivers::analog::Thermistor;
+use crate::devices::Console;
+use crate::drivers::analog::{MotorSupply, Thermistor};
 use crate::drivers::angle::AngleEncoder;
 use crate::drivers::lines::{EndStops, Reached};
 use crate::drivers::spi::Selected;
@@ -37,6 +38,17 @@ const MOST_COUNTS: u16 = 400;
 const HOTTEST: f32 = 80.0;
 /// Readings in a row that say so: one is noise.
 const HOT_TICKS: u8 = 3;
+
+/// The console with a motors' supply of 24 V, over 100 and 10 kOhm.
+pub const fn fit(console: Console) -> Console {
+    Console {
+        motor_supply: Some(MotorSupply {
+            full_scale_v: 36.3,
+            limits_v: [20.0, 22.0, 28.0],
+        }),
+        ..console
+    }
+}
 
 /// What is on it.
 pub struct Sensors {

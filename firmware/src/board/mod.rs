@@ -1,4 +1,4 @@
-//! One file per board; a cargo feature chooses. Boards with motors have what is theirs in that file, and the rest in `stm32f4`. Every board
+//! One file per board; a cargo feature chooses, and here its module. Boards with motors have what is theirs in that file, and the rest in `stm32f4`. Every board
 //! offers the same names:
 //!
 //! - `start(..)`: clocks, pins, timers; gives [`Plant`], [`Port`], [`Guard`] and what the last boot left,
@@ -11,30 +11,22 @@
 //! - `noticed()`: what the control side has noticed and somebody else is to log,
 //! - `log(event)`: below control priority only, because a tick has no time for it.
 
-#[cfg(not(any(
-    feature = "olimex-h405",
-    feature = "nucleo-f446ze",
-    feature = "virtual"
-)))]
-compile_error!("choose a board: --features olimex-h405, nucleo-f446ze or virtual");
-#[cfg(any(
-    all(feature = "olimex-h405", feature = "nucleo-f446ze"),
-    all(feature = "olimex-h405", feature = "virtual"),
-    all(feature = "nucleo-f446ze", feature = "virtual")
-))]
+#[cfg(not(any(feature = "motors", feature = "virtual")))]
+compile_error!("choose a board: a feature of firmware/Cargo.toml that has `motors`, or virtual");
+#[cfg(all(feature = "motors", feature = "virtual"))]
 compile_error!("choose one board only");
 
-#[cfg(not(feature = "virtual"))]
+#[cfg(feature = "motors")]
 mod bare;
 mod fault;
-#[cfg(not(feature = "virtual"))]
+#[cfg(feature = "motors")]
 mod logger;
 #[cfg(feature = "mutants")]
 mod mutants;
 #[cfg(feature = "virtual")]
 mod semihosting;
 mod stack;
-#[cfg(not(feature = "virtual"))]
+#[cfg(feature = "motors")]
 mod stm32f4;
 #[cfg(feature = "virtual")]
 mod virtual_console;
@@ -45,23 +37,31 @@ mod wiring;
 #[path = "olimex_h405.rs"]
 mod wiring;
 
-#[cfg(not(feature = "virtual"))]
+#[cfg(feature = "motors")]
 pub use bare::{BULK, BareRig, Bench, Feeder, kept, work};
-#[cfg(not(feature = "virtual"))]
+#[cfg(feature = "motors")]
 pub use stm32f4::*;
 #[cfg(feature = "virtual")]
 pub use virtual_console::*;
-#[cfg(not(feature = "virtual"))]
-pub use wiring::{DEVICE, IDENTITY};
+#[cfg(feature = "motors")]
+use wiring::{CONSOLE, NAME};
 
-/// The board's name: that of its feature, its image and its device.
-const NAME: &str = match () {
-    #[cfg(feature = "olimex-h405")]
-    () => "olimex-h405",
-    #[cfg(feature = "nucleo-f446ze")]
-    () => "nucleo-f446ze",
-    #[cfg(feature = "virtual")]
-    () => "virtual",
+/// The console that hangs on this board, as the control loop knows it.
+#[cfg(feature = "motors")]
+pub const DEVICE: DeviceDescription = {
+    assert!(NAME.len() <= CONSOLE.device.name.len());
+    if let Err(error) = CONSOLE.check() {
+        panic!("{}", error.rule);
+    }
+    CONSOLE.device
+};
+
+/// What the console says of itself.
+#[cfg(feature = "motors")]
+pub const IDENTITY: Identity = Identity {
+    tick_hz: TICK_HZ,
+    simulated: false,
+    device_name: DEVICE.name,
 };
 
 /// What an image says of itself to who writes it to a board: one static in the section `.identification`.
@@ -73,7 +73,13 @@ pub const fn identification(image: &str) -> [u8; identification::LENGTH] {
 pub use stm32f4xx_hal::pac;
 
 use crate::crash_record::CrashRecord;
+#[cfg(feature = "motors")]
+use sutura_shared::control::TICK_HZ;
+#[cfg(feature = "motors")]
+use sutura_shared::device::DeviceDescription;
 use sutura_shared::identification::{self, Identification};
+#[cfg(feature = "motors")]
+use sutura_shared::link::Identity;
 #[cfg(any(feature = "virtual", feature = "mutants"))]
 use sutura_shared::simulated_console::Without;
 use sutura_shared::wire::message::Report;

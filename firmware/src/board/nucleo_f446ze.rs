@@ -19,7 +19,7 @@
 //! | PG6 | USB power switch: held low | CN12 70 | as the host of a stick the board would give 5 V; high = on | C M |
 //! | PC13 | button B1 | | SB173 closed; SB180, to PA0, open; nothing yet | C, bridges: L |
 //! | PH0 | 8 MHz from the probe (its MCO) | | SB112 and SB149 closed, SB8 and SB9 open: no crystal, the probe must have power | C, bridges: L |
-//! | PC0 | ADC1 channel 10: the motors' supply over a divider, if [`MOTOR_SUPPLY`] says so | CN9 3 (A1) | | F Z M |
+//! | PC0 | ADC1 channel 10: the motors' supply over a divider, if the console's `motor_supply` says so | CN9 3 (A1) | | F Z M |
 //! | PC5 | ADC1 channel 15: noise, left open | CN12 6 | nothing may be there; see E | F M |
 //! | PA8, PA9, PA10 | USB start of frame (test point TP1), VBUS, **ID** | CN13 | taken by the connector: left alone | F C |
 //! | PG7 | USB over-current, low = over | CN12 67 | left alone | C M |
@@ -51,32 +51,16 @@
 //! The chip has no random generator: [`session_seed`] takes noise, the chip's number and a count in RAM.
 
 use super::stm32f4::{Converter, Ports, Sampling, Wired, chip_id, encoder_pull};
-use crate::devices::capstan_stages;
-use crate::drivers::analog::{Channel, MotorSupply};
+use crate::devices::{self, Console};
+use crate::drivers::analog::Channel;
 use crate::drivers::lamp::{Lamp, Show};
 use crate::seed::{Seeds, WORDS};
-use crate::signals::SetPoint;
 use core::mem::MaybeUninit;
 use embedded_hal::digital::PinState;
 use stm32f4xx_hal::gpio::{Input, Output, PB0, PB7, PB9, PB14, PG6};
 use stm32f4xx_hal::rcc::{Config, Rcc};
 use stm32f4xx_hal::{pac, prelude::*, qei::Qei};
-use sutura_shared::device::DeviceDescription;
-use sutura_shared::link::Identity;
 use sutura_shared::wire::message::Mode;
-
-/// The amplifiers.
-pub const SET_POINT: SetPoint = SetPoint::escon(5.0);
-
-/// The motors' supply, where a divider brings it to PC0: this one is of 24 V, over 100 and 10 kOhm. None: nobody looks at it.
-pub const MOTOR_SUPPLY: Option<MotorSupply> = if cfg!(feature = "mutants") {
-    Some(MotorSupply {
-        full_scale_v: 36.3,
-        limits_v: [20.0, 22.0, 28.0],
-    })
-} else {
-    None
-};
 
 /// Of the image that only tests run: everything that there is a driver for.
 #[cfg(feature = "mutants")]
@@ -88,15 +72,14 @@ pub use super::stm32f4::NoSensors as Sensors;
 #[cfg(feature = "mutants")]
 pub use fitted::Sensors;
 
-/// The console that hangs on this board.
-pub const DEVICE: DeviceDescription = capstan_stages(*b"nucleo-f446ze\0\0\0");
+/// The board's name: that of its feature, its images and its device.
+pub const NAME: &str = "nucleo-f446ze";
 
-/// What the console says of itself.
-pub const IDENTITY: Identity = Identity {
-    tick_hz: 1000,
-    simulated: false,
-    device_name: DEVICE.name,
-};
+/// The console that hangs on this board.
+#[cfg(not(feature = "mutants"))]
+pub const CONSOLE: Console = devices::CONSOLE.named(NAME);
+#[cfg(feature = "mutants")]
+pub const CONSOLE: Console = fitted::fit(devices::CONSOLE.named(NAME));
 
 /// The amplifiers' ready line.
 pub type Ready = PB9<Input>;

@@ -4,7 +4,7 @@
 //!
 //! | pin | what | note |
 //! |---|---|---|
-//! | PC6, PC7, PC8 | TIM8 CH1 to CH3: current command of motor 1 to 3 | 4 kHz, 10 to 90 % duty, 50 % = no current |
+//! | PC6, PC7, PC8 | TIM8 CH1 to CH3: current command of motor 1 to 3 | pulses as the console's `set_point` says: 4 kHz, 10 to 90 % duty, 50 % = no current |
 //! | PC9 | TIM8 CH4: amplifier enable, high = on | **external 10 kOhm to ground**: the pin floats in reset |
 //! | PA6 | TIM8 BKIN: emergency stop, 3.3 V = run | normally closed contact to 3.3 V; open, or a broken wire, stops |
 //! | PB9 | amplifiers ready, 3.3 V = ready | pull-down inside; open = not ready |
@@ -13,7 +13,7 @@
 //! | PA15, PB3 | TIM2: encoder 3 A, B | JTAG's JTDI and JTDO (and SWO) |
 //! | PA0, PA1 | TIM5: grip A, B | the only pins TIM5 has; PA0 is also the button: pressing it holds A high |
 //! | PA11, PA12 | USB D-, D+ | |
-//! | PC0 | ADC1 channel 10: the motors' supply over a divider | if [`MOTOR_SUPPLY`] says so |
+//! | PC0 | ADC1 channel 10: the motors' supply over a divider | if the console's `motor_supply` says so |
 //! | PC12 | LED, low = lit | lit while the amplifiers are enabled |
 //! | PA13, PA14 | SWD | a JTAG probe would drive PA15, PB3, PB4 |
 //! | PC4 | USB supply sense of the board | left alone |
@@ -26,34 +26,19 @@
 //! Its clock is its crystal; random numbers are the chip's.
 
 use super::stm32f4::{NoSensors, Ports, Wired, encoder_pull};
-use crate::devices::capstan_stages;
-use crate::drivers::analog::MotorSupply;
+use crate::devices::{self, Console};
 use crate::drivers::lamp::{Lamp, Show};
-use crate::signals::SetPoint;
 use embedded_hal::digital::PinState;
 use stm32f4xx_hal::gpio::{self, Input, Output, PB9, PC12};
 use stm32f4xx_hal::rcc::{Config, Enable, Rcc};
 use stm32f4xx_hal::{pac, prelude::*, qei::Qei};
-use sutura_shared::device::DeviceDescription;
-use sutura_shared::link::Identity;
 use sutura_shared::wire::message::Mode;
 
-/// The amplifiers.
-pub const SET_POINT: SetPoint = SetPoint::escon(5.0);
-
-/// The motors' supply, where a divider brings it to PC0: with 100 and 10 kOhm `MotorSupply { full_scale_v: 36.3, limits_v: [20.0, 22.0,
-/// 28.0] }` is of 24 V. None: nobody looks at it.
-pub const MOTOR_SUPPLY: Option<MotorSupply> = None;
+/// The board's name: that of its feature, its images and its device.
+pub const NAME: &str = "olimex-h405";
 
 /// The console that hangs on this board.
-pub const DEVICE: DeviceDescription = capstan_stages(*b"olimex-h405\0\0\0\0\0");
-
-/// What the console says of itself.
-pub const IDENTITY: Identity = Identity {
-    tick_hz: 1000,
-    simulated: false,
-    device_name: DEVICE.name,
-};
+pub const CONSOLE: Console = devices::CONSOLE.named(NAME);
 
 /// The amplifiers' ready line.
 pub type Ready = PB9<Input>;

@@ -4,12 +4,12 @@
 //!
 //! | pin | what | note |
 //! |---|---|---|
-//! | PC6, PC7, PC8 | TIM8 CH1 to CH3: current command of motor 1 to 3 | 4 kHz, 10 to 90 % duty, 50 % = no current |
+//! | PC6, PC7, PC8 | TIM8 CH1 to CH3: current command of motor 1 to 3 | pulses as the console's `set_point` says: 4 kHz, 10 to 90 % duty, 50 % = no current |
 //! | PC9 | TIM8 CH4: amplifier enable, high = on | **external 10 kOhm to ground**: the pin floats in reset |
 //! | PA6 | TIM8 BKIN: emergency stop, 3.3 V = run | normally closed contact to 3.3 V; open, or a broken wire, stops |
 //! | TIM3, TIM4, TIM2 CH1 and CH2 | encoder 1, 2, 3 A and B | on pins of the board |
 //! | PA11, PA12 | USB D-, D+ | |
-//! | PC0 | ADC1 channel 10: the motors' supply, over a divider | where the board's `MOTOR_SUPPLY` says that there is one |
+//! | PC0 | ADC1 channel 10: the motors' supply, over a divider | where the console's `motor_supply` says that there is one |
 //! | PA13, PA14 | SWD | |
 //! | PA4, PA5 | | the two pins that do not stand 5 V (data sheets DS8626 and DS10693, pin tables: TTa) |
 //!
@@ -34,7 +34,7 @@
 //! states the flash needs 2.7 V (RM0090, 3.5.1); brown-out level 3 resets the chip there, and the log says if it is not set.
 
 use super::logger::{self, LogClass};
-use super::wiring::{self, Lamps, MOTOR_SUPPLY, Ready, SET_POINT, Sensors};
+use super::wiring::{self, CONSOLE, Lamps, Ready, Sensors};
 use super::{Boot, Event, fault};
 use crate::crash_record::{CrashRecord, Kind, reset_cause};
 use crate::drivers::amplifier::Amplifiers;
@@ -42,7 +42,7 @@ use crate::drivers::analog::{Channel, Supply};
 use crate::loader::{self, Touch};
 use crate::safe_state::{self, ENABLE_OFF, ENABLE_ON, MOTORS, Register, TorqueRegisters};
 use crate::serial_number::{DIGITS, serial_number};
-use crate::signals::{Counter16, StopLine, TickClock};
+use crate::signals::{Counter16, PulseTimer, StopLine, TickClock};
 use crate::watch::Watch;
 use core::convert::Infallible;
 use core::marker::PhantomData;
@@ -74,14 +74,13 @@ const CORE_HZ: u32 = 168_000_000;
 /// Counts of SysTick in a microsecond: an eighth of the core's clock, so that it goes round in 0.8 s, after both watchdogs.
 const SYSTICK_PER_US: u32 = CORE_HZ / 8 / 1_000_000;
 
-/// TIM8 counts per pulse.
-const PULSE: u16 = {
-    let counts = CORE_HZ / SET_POINT.frequency_hz;
-    assert!(counts <= u16::MAX as u32, "slower pulses need a prescaler");
-    counts as u16
+/// TIM8, which has the core's clock.
+const TIMER: PulseTimer = match PulseTimer::new(CORE_HZ, CONSOLE.set_point.frequency_hz) {
+    Ok(timer) => timer,
+    Err(error) => panic!("{}", error.rule),
 };
 /// Compare value of no current.
-const NO_CURRENT: u32 = SET_POINT.none(PULSE) as u32;
+const NO_CURRENT: u32 = CONSOLE.set_point.none(TIMER.period) as u32;
 
 /// TIM8 break and dead-time register: break input on, active low; outputs driven low while disabled. Lock level 2, until the
 /// next reset: nothing can change these bits, nor what the outputs' idle level and polarity are (RM0090, 17.4.18).
@@ -121,7 +120,7 @@ impl pwm::ErrorType for Pulses {
 
 impl SetDutyCycle for Pulses {
     fn max_duty_cycle(&self) -> u16 {
-        PULSE
+        TIMER.period
     }
 
     fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
@@ -796,7 +795,8 @@ pub fn start(
     pac::TIM8::enable(&mut rcc);
     pac::TIM8::reset(&mut rcc);
     let pwm = device.TIM8;
-    pwm.arr().write(|w| w.arr().set(PULSE - 1));
+    pwm.psc().write(|w| w.psc().set(TIMER.prescaler));
+    pwm.arr().write(|w| w.arr().set(TIMER.period - 1));
     pwm.ccmr1_output().write(|w| {
         w.oc1m()
             .pwm_mode1()
@@ -817,7 +817,7 @@ pub fn start(
         Outputs,
         EnableLine,
         wired.ready,
-        SET_POINT,
+        CONSOLE.set_point,
     );
     if amplifiers.drive(None).is_err() {
         safe_state();
@@ -850,7 +850,7 @@ pub fn start(
     // Without one the host's nonce alone has to do.
     let seed = wiring::session_seed(&mut rcc).unwrap_or(0);
 
-    let motor_supply = MOTOR_SUPPLY.map(|own| {
+    let motor_supply = CONSOLE.motor_supply.map(|own| {
         let _pin = wired.motor_supply.into_analog();
         Supply::new(Converter::begin(&mut rcc, 10, Sampling::Longest), own)
     });

@@ -31,6 +31,9 @@ use sutura_shared::link::Identity;
 use sutura_shared::simulated_console::{SimulatedBoard, Without};
 use sutura_shared::wire::message::Simulate;
 
+/// The board's name: that of its feature and its image.
+pub const NAME: &str = "virtual";
+
 /// The console until the host sends another.
 pub const DEVICE: DeviceDescription = CARTESIAN_BENCH;
 

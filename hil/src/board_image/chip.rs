@@ -74,6 +74,8 @@ pub mod reset {
     pub const SOFTWARE: u32 = 1 << 28 | PIN;
     /// By the independent watchdog.
     pub const INDEPENDENT_WATCHDOG: u32 = 1 << 29 | PIN;
+    /// By the window watchdog.
+    pub const WINDOW_WATCHDOG: u32 = 1 << 30 | PIN;
 }
 
 /// The loader in the chip's ROM.

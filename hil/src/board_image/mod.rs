@@ -74,6 +74,9 @@ const PACKET: usize = 64;
 const EXCEPTION: u32 = 0x1FF;
 /// The link task's handler.
 const LINK_TASK: &str = "OTG_FS";
+/// What begins a critical section, `cpsid i`, and instructions of the link task in which it comes.
+const INTERRUPTS_OFF: u16 = 0xB672;
+const UNTIL_OFF: usize = 2000;
 /// Where the chip has no memory.
 pub const ASTRAY: u32 = 0x1000_0000 + 0x10_0000;
 
@@ -348,6 +351,16 @@ impl BoardImage {
             })?;
         self.processor
             .pend_to_place(&mut self.chip, pending(OTG_FS), place & !1)
+    }
+
+    /// Begins the link task and leaves it in its first critical section, where it hangs: nobody lets an interrupt in any more. Slow.
+    ///
+    /// # Errors
+    /// [`BoardImageError::Circles`] if it has none, and others.
+    pub fn hang_with_interrupts_off(&mut self) -> Result<(), BoardImageError> {
+        self.hang_link()?;
+        self.processor
+            .step_past(&mut self.chip, INTERRUPTS_OFF, UNTIL_OFF)
     }
 
     /// The tick timer's interrupt with what it brings about, and nothing else: for images in which a task below it hangs.

@@ -249,14 +249,7 @@ impl Processor {
                 }
                 _ => between::go_past(code, &mut here),
             };
-            self.resume(chip, true)?;
-            let after = self.connection.registers()?;
-            if after[PC] == pc && access.is_some() {
-                // Before a register that is watched.
-                registers = self.access(chip)?;
-                self.put_registers_after(&registers);
-                continue;
-            }
+            let after = self.step_from(chip, pc)?;
             if is_own && here != after {
                 return Err(BoardImageError::Differs {
                     pc,
@@ -269,6 +262,41 @@ impl Processor {
             registers = after;
         }
         Ok(compared)
+    }
+
+    /// Has the processor do instructions one at a time from where it stands, until it has done this one.
+    ///
+    /// # Errors
+    /// [`BoardImageError::Circles`] if that is none of the next `most`, and others.
+    pub fn step_past(
+        &mut self,
+        chip: &mut Chip,
+        instruction: u16,
+        most: usize,
+    ) -> Result<(), BoardImageError> {
+        let mut registers = self.connection.registers()?;
+        for _ in 0..most {
+            let pc = registers[PC];
+            let code = self.code(pc)?;
+            registers = self.step_from(chip, pc)?;
+            if code[0] == instruction {
+                return Ok(());
+            }
+        }
+        Err(self.circles())
+    }
+
+    /// One instruction, that at `pc`, with interrupts held back, and with the access if it is one that is watched; the registers after it.
+    fn step_from(&mut self, chip: &mut Chip, pc: u32) -> Result<Vec<u32>, BoardImageError> {
+        self.resume(chip, true)?;
+        let after = self.connection.registers()?;
+        let code = self.code(pc)?;
+        if after[PC] != pc || Access::decode(code, &integers(&after)).is_none() {
+            return Ok(after);
+        }
+        let after = self.access(chip)?;
+        self.put_registers_after(&after);
+        Ok(after)
     }
 
     /// Has a thread that waits write to a register, and runs until the first read of another: the processor stands before it.

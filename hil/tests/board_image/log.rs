@@ -211,3 +211,38 @@ fn a_log_that_nobody_reads_costs_no_tick_and_what_is_lost_is_told(on: On) {
     );
     assert!(bench.tick().mode == Mode::Idle);
 }
+
+on_each_board!(a_line_of_the_log_in_every_tick_takes_nothing_of_the_port);
+/// What a flooded port takes, with a mode that changes in every tick, and a host that reads of it; and with one that does not. The log is on
+/// because the two are within 2 % of each other.
+fn a_line_of_the_log_in_every_tick_takes_nothing_of_the_port(on: On) {
+    const TICKS: usize = 100;
+    let flooded = |changes: bool| {
+        let mut bench = Bench::start(on);
+        bench.compares = false;
+        bench.board.take_log().unwrap();
+        let (mut taken, mut logged) = (0, 0);
+        for tick in 0..TICKS {
+            bench.say(&match changes && tick % 2 == 0 {
+                true => Command::Arm,
+                false => Command::Disarm,
+            });
+            // 1 MB/s.
+            while bench.board.waiting() + bench.down.len().div_ceil(64) < 16 {
+                let contact = bench.floor();
+                bench.say(&contact);
+            }
+            let waiting = bench.board.waiting() + bench.down.len().div_ceil(64);
+            bench.try_tick().unwrap_or_else(|error| panic!("{error}"));
+            taken += waiting - bench.board.waiting();
+            logged += bench.board.take_log().unwrap().len();
+        }
+        eprintln!("{taken} packets down, {logged} bytes of log");
+        (taken, logged)
+    };
+    let (quiet, none) = flooded(false);
+    let (told, bytes) = flooded(true);
+    assert!(none == 0 && bytes > 4 * TICKS, "{none}, {bytes}");
+    assert!(quiet > 10 * TICKS, "{quiet}");
+    assert!(50 * told.abs_diff(quiet) <= quiet, "{told}, {quiet}");
+}

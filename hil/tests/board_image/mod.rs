@@ -2,19 +2,17 @@
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 
-/// The test of this name, on each board.
+/// The test of this name, on each board as it is flashed.
 macro_rules! on_each_board {
     ($test:ident) => {
+        on_each_board!($test: olimex_h405 OLIMEX_H405, nucleo_f446ze NUCLEO_F446ZE);
+    };
+    ($test:ident: $($name:ident $board:ident),*) => {
         mod $test {
-            #[test]
-            fn olimex_h405() {
-                super::$test(super::On::OLIMEX_H405);
-            }
-
-            #[test]
-            fn nucleo_f446ze() {
-                super::$test(super::On::NUCLEO_F446ZE);
-            }
+            $(#[test]
+            fn $name() {
+                super::$test(super::On::flashed(sutura_hil::board_image::Board::$board));
+            })*
         }
     };
 }
@@ -88,19 +86,17 @@ struct On {
 }
 
 impl On {
-    /// The images that are flashed.
-    const OLIMEX_H405: On = On {
-        board: Board::OlimexH405,
-        mutant: None,
-    };
-    const NUCLEO_F446ZE: On = On {
-        board: Board::NucleoF446ze,
-        mutant: None,
-    };
+    /// The image that is flashed.
+    fn flashed(board: Board) -> On {
+        On {
+            board,
+            mutant: None,
+        }
+    }
 
     /// That of a NUCLEO with everything on it, which no console is flashed with.
     const FITTED: On = On {
-        board: Board::NucleoF446ze,
+        board: Board::NUCLEO_F446ZE,
         mutant: Some(None),
     };
 
@@ -136,7 +132,7 @@ impl On {
         if let Some(guard) = self.mutant {
             let out = board.take_out(&image, guard);
             out.unwrap_or_else(|error| panic!("{error}"));
-            if self.board == Board::NucleoF446ze {
+            if self.board == Board::NUCLEO_F446ZE {
                 board.fit().unwrap_or_else(|error| panic!("{error}"));
             }
         }
@@ -350,7 +346,7 @@ impl Bench {
                 continue;
             };
             let seed = seed_of(hello);
-            if self.on.board == Board::OlimexH405 {
+            if self.on.board.draws() {
                 assert_eq!(seed, RANDOM, "what the generator gave");
             }
             self.seed = seed;

@@ -16,6 +16,8 @@ const MODER: u32 = 0x00;
 const PUPDR: u32 = 0x0C;
 const AFR: [u32; 2] = [0x20, 0x24];
 const PWR_CR: u32 = 0x4000_7000;
+const TIM8_PSC: u32 = 0x4001_0428;
+const TIM8_ARR: u32 = 0x4001_042C;
 const TIM8_BDTR: u32 = 0x4001_0444;
 
 /// A pin's mode.
@@ -51,7 +53,7 @@ fn used(board: Board) -> Vec<(&'static str, Pin)> {
         ("A14", Debug),
     ];
     used.extend(match board {
-        Board::OlimexH405 => vec![
+        Board::OLIMEX_H405 => vec![
             ("B4", Timer(2)),
             ("A7", Timer(2)),
             ("B6", Timer(2)),
@@ -60,7 +62,7 @@ fn used(board: Board) -> Vec<(&'static str, Pin)> {
             ("B3", Timer(1)),
             ("C12", Out),
         ],
-        Board::NucleoF446ze => vec![
+        Board::NUCLEO_F446ZE => vec![
             ("B4", Timer(2)),
             ("B5", Timer(2)),
             ("D12", Timer(2)),
@@ -75,6 +77,7 @@ fn used(board: Board) -> Vec<(&'static str, Pin)> {
             // The probe listens to it.
             ("B3", Debug),
         ],
+        other => panic!("{} has no table here", other.name()),
     });
     used
 }
@@ -123,6 +126,14 @@ fn the_break_input_is_on_active_low_and_locked(on: On) {
         (0b11 << 10, 0b10 << 8, 1 << 12, 0, 0),
         "{control:#x}"
     );
+}
+
+on_each_board!(pulses_come_as_often_as_the_amplifier_takes_them);
+/// 4 kHz of 168 MHz: an ESCON takes 10 Hz to 5 kHz.
+fn pulses_come_as_often_as_the_amplifier_takes_them(on: On) {
+    let mut board = on.start();
+    let counts = [TIM8_PSC, TIM8_ARR].map(|register| board.chip().stored(register) + 1);
+    assert_eq!(168_000_000 / (counts[0] * counts[1]), 4000, "{counts:?}");
 }
 
 on_each_board!(no_interrupt_is_let_in_but_those_of_the_boards_own_tasks);

@@ -189,6 +189,27 @@ pub(super) fn a_link_task_that_hangs_alone_ends_in_the_window_watchdog(on: On) {
     eprintln!("a link task that hangs: {}", board.speed());
 }
 
+on_each_board!(a_task_that_hangs_with_interrupts_off_ends_in_the_window_watchdog);
+/// In a critical section of its own: no tick, no warning, no handler, and no epitaph. What was commanded last stands until the window
+/// watchdog bites, 49.9 ms after it was last fed.
+pub(super) fn a_task_that_hangs_with_interrupts_off_ends_in_the_window_watchdog(on: On) {
+    let mut bench = Bench::start(on);
+    bench.push();
+    let fed = bench.board.chip().feeds;
+    bench.board.hang_with_interrupts_off().unwrap();
+    bench.changes();
+    for _ in 0..48 {
+        bench.board.tick_alone().unwrap();
+    }
+    assert!(!warned(&mut bench.board), "with interrupts off");
+    assert_eq!(bench.changes(), [], "somebody lets interrupts in");
+    assert_eq!(bench.board.chip().feeds, fed);
+    assert!(bench.board.chip().window_runs, "nobody would reset it");
+    let (board, told) = told(on, bench.board, reset::WINDOW_WATCHDOG);
+    assert_eq!(told, (BY_WATCHDOG, 0, 0));
+    eprintln!("interrupts off: {}", board.speed());
+}
+
 on_each_board!(a_link_task_that_is_called_no_more_ends_in_the_window_watchdog);
 /// Its interrupt stays masked, whatever lets it in again; all others have their rounds, idle among them.
 pub(super) fn a_link_task_that_is_called_no_more_ends_in_the_window_watchdog(on: On) {

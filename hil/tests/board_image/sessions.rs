@@ -215,6 +215,53 @@ pub(super) fn a_contact_that_is_to_be_good_for_ever_is_not(on: On) {
     bench.say_speed("a contact for ever");
 }
 
+on_each_board!(a_hard_slope_is_met_at_the_joints_slew_and_in_its_own_direction);
+/// 4 N of each motor in a tick: 4000 N/s. A wall of 30 kN/m across two of them, half a millimetre ahead, met at 0.6 m/s, wants 8 N at once.
+pub(super) fn a_hard_slope_is_met_at_the_joints_slew_and_in_its_own_direction(on: On) {
+    const OUT: [f32; 3] = [0.8, 0.6, 0.0];
+    const STIFFNESS: f32 = 30_000.0;
+    let mut bench = Bench::start(on);
+    bench.arm();
+    // The force may be all there 50 ms after arming.
+    for _ in 0..60 {
+        bench.tick();
+    }
+    let mut tangent = [0.0; 21];
+    for (place, share) in [
+        (0, OUT[0] * OUT[0]),
+        (1, OUT[0] * OUT[1]),
+        (6, OUT[1] * OUT[1]),
+    ] {
+        tangent[place] = -STIFFNESS * share;
+    }
+    let ahead = Contact {
+        wrench: [0.0; 6],
+        tangent,
+        gap_m: 5e-4,
+        normal: OUT,
+        ..bench.floor()
+    };
+    bench.say(&ahead);
+    bench.tick();
+    let mut before = [0.0; 3];
+    let mut most = 0.0_f32;
+    for tick in 1..=12 {
+        // 120 counts are 0.6 mm.
+        let way = -120.0 * tick.min(4) as f32;
+        bench.board.chip().lines.encoder_counts = OUT.map(|part| (part * way) as i32);
+        let state = bench.tick();
+        let change = (state.current_a[0] - before[0]).abs();
+        assert!(change <= 1.0 + 1e-6, "{change} A in a tick");
+        // Currents are as the slope lies: 4 to 3.
+        let across = OUT[0] * state.current_a[1] - OUT[1] * state.current_a[0];
+        assert!(across.abs() < 1e-3, "{:?}", state.current_a);
+        most = most.max(change);
+        before = state.current_a;
+    }
+    assert!(most > 0.999, "{most} A: nothing was limited");
+    bench.say_speed("a hard slope");
+}
+
 on_each_board!(a_rough_session_is_felt_as_the_shared_code_renders_it);
 /// What ordinary sessions leave out: a needle that comes back, rows that do not converge, a hand that swings, an outage, and forces that no
 /// tissue has, with a grip as fast as it may be.

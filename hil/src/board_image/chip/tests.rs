@@ -4,7 +4,7 @@ use super::*;
 
 /// Set up as the board sets it up, and on.
 fn armed() -> Chip {
-    let mut chip = Chip::new(Board::OlimexH405);
+    let mut chip = Chip::new(Board::OLIMEX_H405);
     for (address, value) in [
         (TIM8_CCER, 0x1111),
         (TIM8_CCR1, 21_000),
@@ -54,7 +54,7 @@ fn without_the_break_input_nothing_trips() {
 
 #[test]
 fn what_is_not_0_is_watched_and_what_was_read_as_0_then_is_told() {
-    let mut chip = Chip::new(Board::OlimexH405);
+    let mut chip = Chip::new(Board::OLIMEX_H405);
     chip.starts = false;
     chip.lines.ready = false;
     let has = |chip: &Chip, at| chip.watched().contains(&(at, 4));
@@ -68,7 +68,7 @@ fn what_is_not_0_is_watched_and_what_was_read_as_0_then_is_told() {
 
 #[test]
 fn a_cycle_counter_that_does_not_stand_is_watched_and_moves_at_every_reading() {
-    let mut chip = Chip::new(Board::NucleoF446ze);
+    let mut chip = Chip::new(Board::NUCLEO_F446ZE);
     let watched = |chip: &Chip| chip.watched().contains(&(DWT_CYCCNT, 4));
     let mut read = |counter| {
         chip.lines.cycle_counter = counter;
@@ -86,7 +86,7 @@ fn a_cycle_counter_that_does_not_stand_is_watched_and_moves_at_every_reading() {
 
 #[test]
 fn a_dead_crystal_is_waited_for_and_counted() {
-    let mut chip = Chip::new(Board::OlimexH405);
+    let mut chip = Chip::new(Board::OLIMEX_H405);
     chip.write(RCC_CR, 0x83 | HSE_ON);
     assert_ne!(chip.read(RCC_CR) & 1 << 17, 0);
     assert_eq!(chip.waits_for_crystal, 0);

@@ -1,4 +1,4 @@
-//! The self-test's image for the ST NUCLEO-F446ZE.
+//! The self-test's image for a board with motors.
 #![no_std]
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! The image for the ST NUCLEO-F446ZE.
+//! The image for a board with motors.
 #![no_std]
 #![no_main]
 
