@@ -12,7 +12,7 @@ use std::time::Duration;
 use sutura_hil::identity_trace::{self, IdentityTrace};
 use sutura_hil::{NativeConsole, QemuConsole, qemu};
 use sutura_host::link::{LinkOptions, LockstepConsole, open_serial};
-use sutura_host::session::run_real_time;
+use sutura_host::session::{SessionError, run_real_time};
 use sutura_shared::wire::MAX_REAL_TIME_FRAME;
 
 const TIME_LIMIT: Duration = Duration::from_secs(300);
@@ -252,7 +252,6 @@ fn an_image_that_takes_too_long_is_killed() {
 /// lockstep.
 #[test]
 fn the_uart_rejects_nothing_at_its_own_pace() {
-    let qemu = qemu::with_uart(image(), TIME_LIMIT).unwrap_or_else(|error| panic!("{error}"));
     let mut plan = session::plan(2.0);
     plan.host_hz = 30.0;
     plan.state_every = 10;
@@ -260,15 +259,24 @@ fn the_uart_rejects_nothing_at_its_own_pace() {
         "at most {} frames/s of at most {MAX_REAL_TIME_FRAME} bytes",
         plan.host_hz
     );
-    let port = open_serial(qemu.uart().unwrap()).unwrap();
     let options = LinkOptions {
         contact_spacing: Duration::from_secs_f64(1.0 / 30.0),
+        silent_after: Duration::from_secs(5),
         ..session::patient()
     };
-    let summary = run_real_time(port, options, &plan, &mut session::Plane, |_| {
-        ControlFlow::Continue(())
+    // Where the machine lets neither go on for a second the console ends the session, and says nothing more.
+    let (qemu, summary) = session::undisturbed(|| {
+        let qemu = qemu::with_uart(image(), TIME_LIMIT).unwrap_or_else(|error| panic!("{error}"));
+        let port = open_serial(qemu.uart().unwrap()).unwrap();
+        let options = options.clone();
+        let summary = run_real_time(port, options, &plan, &mut session::Plane, |_| {
+            ControlFlow::Continue(())
+        });
+        match summary {
+            Err(SessionError::Silent { .. }) => None,
+            summary => Some((qemu, summary.unwrap_or_else(|error| panic!("{error}")))),
+        }
     });
-    let summary = summary.unwrap_or_else(|error| panic!("{error}"));
     println!("{summary:#?}");
     // Frames that a late host does not take are dropped as a whole, by the console.
     assert_eq!(summary.frames.rejected, 0);
