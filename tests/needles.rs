@@ -369,6 +369,43 @@ fn watch_with(solver: SceneSolver, scene: &Scene, seconds: f64) -> (Watched, Tap
     (watched, tapped, summary.unwrap())
 }
 
+/// What lies ahead of a needle in the air is looked for where its tip may get before the next looks, and not before.
+#[test]
+fn nothing_is_looked_for_in_the_air() {
+    let scene = load(&root().join(SLABS)).unwrap();
+    let (watched, tapped, _) = watch(&scene, 2.5);
+    let tip = |step: &Step| step.solved.needle.map(|needle| needle.tip);
+    let meets = watched
+        .steps
+        .iter()
+        .position(|step| tip(step) == Some(Tip::Holding));
+    let meets = meets.expect("it meets the slab");
+    let looks = watched.steps[..meets]
+        .iter()
+        .map(|step| step.solved.looked.made != [0; 2]);
+    let looks: Vec<bool> = looks.collect();
+    // As the console is armed the grip gives way a little, fast.
+    let begins = looks.iter().rposition(|looks| !looks).expect("not all") + 1;
+    let spared = looks.iter().filter(|looks| !**looks).count();
+    println!(
+        "{spared} of {meets} steps do not look, the last {} do",
+        meets - begins
+    );
+    let at = |step: usize| {
+        let time_us = watched.steps[step].time_us;
+        let state = tapped.states.iter().find(|(us, _)| *us == time_us);
+        state.expect("told").1.position_m.map(f64::from)
+    };
+    let way_m = at(meets).into_iter().zip(at(begins));
+    let way_m = way_m
+        .map(|(to, from)| (to - from).powi(2))
+        .sum::<f64>()
+        .sqrt();
+    let reach_m = 5e-4 + 0.25 * 4.0 * 1e-6 * PERIOD_US as f64;
+    assert!(way_m > 0.95 * reach_m, "{way_m} of {reach_m} m");
+    assert!(2 * spared > meets, "{spared} of {meets}");
+}
+
 /// The tip presses on the upper slab until it gives way. What the console is told of it, and when.
 #[test]
 fn the_drop_of_a_puncture_is_felt_before_its_frame_comes() {

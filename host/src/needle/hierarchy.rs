@@ -130,6 +130,17 @@ impl Hierarchy {
             .where_near(wanted, |face| visit(self.faces[face as usize]));
         asked
     }
+
+    /// Whether a face may be as near to a point \[m\], as far as boxes tell.
+    pub fn comes_within(&self, at: &Vector3<f64>, reach_m: f64, slack: Slack) -> bool {
+        let mut any = false;
+        let within = |bounds: &Bounds, group: Option<usize>| {
+            let within_m = reach_m + slack.of(group);
+            bounds.distance_squared(at) <= within_m * within_m
+        };
+        self.near(within, |_| any = true);
+        any
+    }
 }
 
 /// The box around a face.
@@ -189,6 +200,11 @@ mod tests {
                 |face| near.push(face),
             );
             visited += near.len();
+            let mut all_near = all.iter().map(|face| mesh.vertices(*face).map(moved));
+            let near_a = all_near.any(|corners| distance(&corners, &a, &a) <= reach);
+            let slack = Slack::Everywhere(0.25 * reach);
+            assert!(!near_a || hierarchy.comes_within(&a, 0.75 * reach, slack));
+            assert!(!hierarchy.comes_within(&(a + Vector3::x() * 20.0), reach, slack));
             near.sort_unstable();
             assert!(near.windows(2).all(|pair| pair[0] < pair[1]));
             for face in all {

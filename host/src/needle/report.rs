@@ -2,10 +2,10 @@
 //!
 //! Entry point: [`NeedleReport`].
 
-use super::Curve;
 use super::source::{Point, What};
 use super::state::Tip;
 use super::surface::TipLoad;
+use super::{Curve, MOST_GROUPS, Slack};
 use crate::step::{Balance, Felt, slide_twist};
 use crate::tool::ToolSample;
 use nalgebra::Vector3;
@@ -37,6 +37,9 @@ pub struct NeedleReport {
     pub held_by: Option<u8>,
     /// Where its tip is.
     pub tip: TipPlace,
+    /// Whether there may be a surface as near to a tip outside as was asked for
+    /// ([`StepOptions::tip_reach_m`](crate::step::StepOptions::tip_reach_m)).
+    pub near: bool,
     /// Faces that it goes through.
     pub crossings: u32,
     /// Places where its body touches the surface.
@@ -138,6 +141,19 @@ impl Balance<'_> {
         }
     }
 
+    /// Whether there may be a surface around a tip outside.
+    fn is_near(&self, needle: usize) -> bool {
+        if self.state.each[needle].tip != Tip::Outside {
+            return false;
+        }
+        let curve = self.curve(needle);
+        let mut slack = [0.0; MOST_GROUPS];
+        let slack = Slack::ByGroup(self.slack(&mut slack));
+        let tip = curve.at(curve.length);
+        let hierarchy = &self.sources.hierarchy;
+        hierarchy.comes_within(&tip, self.tip_reach_m, slack)
+    }
+
     fn needle_report(&self, needle: usize, samples: &[ToolSample]) -> NeedleReport {
         let each = &self.state.each[needle];
         let part = &self.sources.needles[needle];
@@ -175,6 +191,7 @@ impl Balance<'_> {
                 Tip::Inside { .. } => TipPlace::Inside,
                 Tip::Waiting => TipPlace::Waiting,
             },
+            near: self.is_near(needle),
             crossings: each.holds.len() as u32,
             touches: pressing as u32,
             punctures: each.tally.punctures,

@@ -100,6 +100,8 @@ pub(crate) struct Balance<'a> {
     pub sources: &'a Sources,
     /// Vertices whose columns the step may compute.
     pub most_vertices: usize,
+    /// So far around tips outside surfaces are looked for \[m\].
+    pub tip_reach_m: f64,
     pub state: &'a mut SourcesState,
     pub work: &'a mut BalanceWork,
     pub report: &'a mut StepReport,
@@ -124,6 +126,7 @@ impl<'a> Balance<'a> {
             most_vertices: options
                 .vertices_per_step
                 .unwrap_or(sources.settings.vertices_per_step),
+            tip_reach_m: options.tip_reach_m,
             state,
             work,
             report,

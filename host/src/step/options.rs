@@ -19,6 +19,9 @@ pub struct StepOptions {
     pub reach_m: f64,
     /// Most passes over corotational or hyperelastic tissue, if not as many as the model says.
     pub passes: Option<u32>,
+    /// So far around the tip of a needle outside surfaces are looked for \[m\], for
+    /// [`NeedleReport::near`](crate::needle::NeedleReport::near).
+    pub tip_reach_m: f64,
 }
 
 impl StepOptions {
@@ -30,6 +33,7 @@ impl StepOptions {
             ahead_m: [0.0; 3],
             reach_m: 0.0,
             passes: None,
+            tip_reach_m: 0.0,
         }
     }
 }

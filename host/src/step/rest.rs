@@ -279,6 +279,7 @@ fn balance(
             sources,
             points_m,
             most_vertices: usize::MAX,
+            tip_reach_m: 0.0,
             state,
             work: &mut work.balance,
             report: &mut StepReport::default(),

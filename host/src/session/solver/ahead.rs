@@ -33,6 +33,19 @@ const LOOK_MARGIN_M: f64 = 5e-4;
 /// Farther than this a look is too coarse, forward and backward \[m\].
 const LOOK_MOST_M: [f64; 2] = [0.018, 0.012];
 
+/// How far a look goes the way a hand goes with this speed \[m\].
+fn look_reach_m(speed_m_per_s: f64, period_us: u64, most_m: f64) -> f64 {
+    let seconds = 1e-6 * (LOOK_PERIODS * period_us as f64).min(LOOK_MOST_US);
+    (LOOK_MARGIN_M + speed_m_per_s.max(LOOK_HAND_M_PER_S) * seconds).min(most_m)
+}
+
+/// How far the tip of a needle may get in a look \[m\]: as fast as its grip goes, whatever the direction.
+pub(super) fn tip_reach_m(sample: &ToolSample, period_us: u64) -> f64 {
+    let [x, y, z] = sample.velocity_m_per_s;
+    let speed_m_per_s = (x * x + y * y + z * z).sqrt();
+    look_reach_m(speed_m_per_s, period_us, LOOK_MOST_M[0])
+}
+
 impl SceneSolver {
     /// Follows the way of the needle or thread in the console's grip between two states that are far apart in several steps:
     /// friction is that of the depth at which a step begins, a boundary gives way at a step's end, and a thread bends anew between
@@ -184,14 +197,16 @@ impl SceneSolver {
         let [u, v, w] = sample.velocity_m_per_s;
         let square = (x * x + y * y + z * z).max(1e-6);
         let speed_m_per_s = (x * u + y * v + z * w) / square;
-        let seconds = 1e-6 * (LOOK_PERIODS * period_us as f64).min(LOOK_MOST_US);
-        let reach = |speed: f64, most_m: f64| {
-            (LOOK_MARGIN_M + speed.max(LOOK_HAND_M_PER_S) * seconds).min(most_m)
-        };
         let reach_m = [
-            reach(speed_m_per_s, LOOK_MOST_M[0]),
-            reach(-speed_m_per_s, LOOK_MOST_M[1]),
+            look_reach_m(speed_m_per_s, period_us, LOOK_MOST_M[0]),
+            look_reach_m(-speed_m_per_s, period_us, LOOK_MOST_M[1]),
         ];
+        // In the air there is nothing to be found.
+        let is_free = needle.tip == TipPlace::Outside && needle.crossings == 0;
+        let is_far = !needle.near && reach_m.iter().all(|m| *m <= self.options.tip_reach_m);
+        if is_free && needle.touches == 0 && is_far {
+            return None;
+        }
         let goes_back = speed_m_per_s < 0.0;
         let steps = [goes_back, !goes_back].map(|aside| {
             let side = usize::from(aside);
