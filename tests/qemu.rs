@@ -268,7 +268,6 @@ fn the_uart_rejects_nothing_at_its_own_pace() {
     let (qemu, summary) = session::undisturbed(|| {
         let qemu = qemu::with_uart(image(), TIME_LIMIT).unwrap_or_else(|error| panic!("{error}"));
         let port = open_serial(qemu.uart().unwrap()).unwrap();
-        let options = options.clone();
         let summary = run_real_time(port, options, &plan, &mut session::Plane, |_| {
             ControlFlow::Continue(())
         });
