@@ -143,7 +143,8 @@ impl Balance<'_> {
 
     /// Whether there may be a surface around a tip outside.
     fn is_near(&self, needle: usize) -> bool {
-        if self.state.each[needle].tip != Tip::Outside {
+        let is_asked = self.tip_reach_m > 0.0;
+        if !is_asked || self.state.each[needle].tip != Tip::Outside {
             return false;
         }
         let curve = self.curve(needle);

@@ -20,7 +20,7 @@ pub struct StepOptions {
     /// Most passes over corotational or hyperelastic tissue, if not as many as the model says.
     pub passes: Option<u32>,
     /// So far around the tip of a needle outside surfaces are looked for \[m\], for
-    /// [`NeedleReport::near`](crate::needle::NeedleReport::near).
+    /// [`NeedleReport::near`](crate::needle::NeedleReport::near); 0: they are not.
     pub tip_reach_m: f64,
 }
 

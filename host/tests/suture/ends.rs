@@ -48,13 +48,14 @@ impl Sewn {
         state
     }
 
-    /// Of each bite what bridges the gap with the nodes there, over that before. Of a slit's suture the spans back over it do so, too.
+    /// Of each bite what bridges the gap with the nodes there, over that before. A bite has two passages; where more spans bridge the gap
+    /// than there are bites, as those back over a slit do, bites are every second one.
     fn ratios(&self, state: &State, nodes_m: &[[f64; 3]]) -> Vec<f64> {
         let (model, _, _) = self.solver.parts().expect("rows");
+        let bites = passages(&state.thread_path(model, 0, nodes_m)).len() / 2;
         let bridges = state.bridges(model, 0, nodes_m);
-        let is_slit = self.scene.name == "A wound between two slabs";
-        let bites = bridges.iter().step_by(if is_slit { 2 } else { 1 });
-        bites.map(|one| one.now_m / one.rest_m).collect()
+        let each = bridges.iter().step_by(bridges.len().div_ceil(bites));
+        each.map(|one| one.now_m / one.rest_m).collect()
     }
 
     /// The tension at which all bites are closed \[N\].

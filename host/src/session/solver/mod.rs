@@ -627,7 +627,11 @@ impl Solve for SceneSolver {
             sample.position_m = goal.position_m.map(f64::from);
         }
         self.options.ahead_m = goal.ahead_m;
-        self.options.tip_reach_m = ahead::tip_reach_m(&sample, period_us);
+        // Only where a needle's way would be looked along.
+        self.options.tip_reach_m = match self.has_needles && self.looks_ahead {
+            true => ahead::tip_reach_m(&sample, period_us),
+            false => 0.0,
+        };
         let settles = self.settles && self.effort == Effort::Full;
         self.options.passes = settles.then(|| self.past.budget.passes(&self.past.last));
         let armed_anew = before_us.is_some_and(|before| is_armed_anew(before, &sample));
