@@ -736,6 +736,23 @@ impl ConstraintSystem {
         self.pairs.displace(forces, &mut self.moved);
     }
 
+    /// As [`Self::displace`], from the [`Self::field`] of the last solve.
+    pub fn displace_by_field(&mut self) {
+        if std::mem::replace(&mut self.is_displaced, true) {
+            return;
+        }
+        let anchors = self.next_anchors.iter().zip(&self.free);
+        self.moved.clear();
+        self.moved.extend(anchors.map(|(anchor, free)| {
+            let parts = anchor.parts().filter_map(|(vertex, weight)| {
+                let first = self.columns.first_unknown(vertex);
+                let at = self.field.get(first..first + 3)?;
+                Some(Vector3::from_column_slice(at) * weight)
+            });
+            parts.sum::<Vector3<f64>>() - free
+        }));
+    }
+
     /// After [`Self::displace`]: displacement of an anchor \[m\].
     pub fn anchor_displacement(&self, anchor: usize) -> Vector3<f64> {
         self.free[anchor] + self.moved[anchor]

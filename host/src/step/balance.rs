@@ -55,6 +55,8 @@ pub(crate) struct Nodes {
     pub at: Vec<Vector3<f64>>,
     pub at_solve: u64,
     pub at_rest: bool,
+    /// [`Balance::slack`] where all nodes are known, and by which solve.
+    slack: Cell<(u64, [f64; MOST_GROUPS])>,
 }
 
 impl BalanceWork {
@@ -71,6 +73,7 @@ impl BalanceWork {
                 at: sources.resting_m.clone(),
                 at_solve: u64::MAX,
                 at_rest: false,
+                slack: Cell::new((u64::MAX, [0.0; MOST_GROUPS])),
             },
             needles: NeedleWork::new(state.each.len(), sources),
             threads: ThreadWork::new(sources),
@@ -363,6 +366,17 @@ impl<'a> Balance<'a> {
         self.clock.lap(&mut self.report.stages.field_ns);
     }
 
+    /// Finds where the forces of the last solve move its anchors.
+    pub fn displace_anchors(&mut self) {
+        // Where many are pushed all nodes are found after every balance.
+        if self.work.nodes.pushes.len() > MANY_PUSHES {
+            self.find_all_nodes();
+            self.work.system.displace_by_field();
+        } else {
+            self.work.system.displace(&self.state.grasp);
+        }
+    }
+
     /// As far as nodes of each group may be from where they rest \[m\], (groups).
     pub fn slack<'s>(&self, out: &'s mut [f64; MOST_GROUPS]) -> &'s [f64] {
         let Sources {
@@ -375,13 +389,20 @@ impl<'a> Balance<'a> {
         let out = &mut out[..hierarchy.groups()];
         let BalanceWork { system, nodes, .. } = &*self.work;
         if nodes.at_solve == nodes.solves {
-            // All are known: no bound is needed.
-            out.fill(0.0);
-            for (group, face) in hierarchy.grouped_faces() {
-                for node in mesh.vertices(face).map(|node| node as usize) {
-                    out[group] = out[group].max((nodes.at[node] - resting_m[node]).norm());
+            // All are known: no bound is needed. Every needle asks, and more than once.
+            let (solve, mut found) = nodes.slack.get();
+            if solve != nodes.solves {
+                found.fill(0.0);
+                for (group, face) in hierarchy.grouped_faces() {
+                    for node in mesh.vertices(face).map(|node| node as usize) {
+                        let squared = (nodes.at[node] - resting_m[node]).norm_squared();
+                        found[group] = found[group].max(squared);
+                    }
                 }
+                found.iter_mut().for_each(|slack| *slack = slack.sqrt());
+                nodes.slack.set((nodes.solves, found));
             }
+            out.copy_from_slice(&found[..out.len()]);
             return out;
         }
         system.slack(self.body, &self.state.grasp, &nodes.pushes, resting, out);

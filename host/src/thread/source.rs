@@ -254,7 +254,7 @@ impl Balance<'_> {
             .iter()
             .any(|thread| !thread.segments.is_empty())
         {
-            self.work.system.displace(&self.state.grasp);
+            self.displace_anchors();
         }
         for index in 0..self.state.threads.len() {
             if self.state.threads[index].segments.is_empty() {
