@@ -6,10 +6,15 @@
 use super::{MultiPointConstraint, PointConstraint, Term};
 use crate::columns::Columns;
 use nalgebra::{Matrix3, Vector3};
+use pulp::{Arch, Simd, WithSimd};
 use serde::Serialize;
 
 /// Most vertices of an anchor: a way between two points of cells has eight.
 const MOST_VERTICES: usize = 8;
+
+/// Numbers of a block, and how many are taken at a time: a column and the first of the next.
+const BLOCK: usize = 9;
+const LANES: usize = 4;
 
 /// Anchors in a row that may have gone since the last time before one is looked for among all.
 const SKIPPED: usize = 6;
@@ -89,8 +94,9 @@ pub(super) struct Pairs {
     held: Vec<Option<Reached>>,
     /// Whether a slot is held by a present anchor.
     present: Vec<bool>,
-    /// Displacement of the first per force on the second \[m/N\], (slots x slots), by the first.
-    blocks: Vec<Matrix3<f64>>,
+    /// Displacement of the second per force on the first \[m/N\], (slots x slots) by the first, each column-major, and what is read
+    /// beyond the last.
+    blocks: Vec<f64>,
     /// Slot of each present anchor, and those of them that are new.
     slots: Vec<u32>,
     new: Vec<u32>,
@@ -102,28 +108,30 @@ pub(super) struct Pairs {
     /// Looks through which these are held.
     kept: u8,
     /// What unit forces of rows on several anchors move each anchor by, (anchors).
-    moved: Vec<Vector3<f64>>,
-    /// Anchors that rows act on by themselves.
-    acting: Vec<u32>,
+    moved: Vec<[f64; LANES]>,
+    /// Of each row on one anchor that, and its direction.
+    directions: Vec<(u32, [f64; LANES])>,
+    arch: Arch,
 }
 
 impl Pairs {
-    /// For so many anchors.
-    pub fn new(most: usize) -> Self {
+    /// For so many anchors and rows.
+    pub fn new(most: usize, most_rows: usize) -> Self {
         Self {
             most,
             factor: 0,
             held: vec![None; most],
             present: vec![false; most],
-            blocks: vec![Matrix3::zeros(); most * most],
+            blocks: vec![0.0; BLOCK * most * most + LANES - 3],
             slots: Vec::with_capacity(most),
             new: Vec::with_capacity(most),
             before: Vec::with_capacity(most),
             others: Vec::with_capacity(most),
             idle: vec![0; most],
             kept: 0,
-            moved: vec![Vector3::zeros(); most],
-            acting: Vec::with_capacity(most),
+            moved: vec![[0.0; LANES]; most],
+            arch: Arch::new(),
+            directions: Vec::with_capacity(most_rows),
         }
     }
 
@@ -213,8 +221,14 @@ impl Pairs {
                     let block = other.moves(one, columns);
                     (block.transpose(), block)
                 };
-                self.blocks[slot * self.most + new as usize] = one_to_other;
-                self.blocks[new as usize * self.most + slot] = other_to_one;
+                let places = [
+                    new as usize * self.most + slot,
+                    slot * self.most + new as usize,
+                ];
+                for (place, block) in places.into_iter().zip([one_to_other, other_to_one]) {
+                    self.blocks[BLOCK * place..BLOCK * (place + 1)]
+                        .copy_from_slice(block.as_slice());
+                }
             }
         }
     }
@@ -245,8 +259,9 @@ impl Pairs {
     }
 
     /// Displacement of a present anchor per force on another \[m/N\].
-    pub fn block(&self, at: usize, pushed: usize) -> &Matrix3<f64> {
-        &self.blocks[self.slots[at] as usize * self.most + self.slots[pushed] as usize]
+    pub fn block(&self, at: usize, pushed: usize) -> Matrix3<f64> {
+        let first = BLOCK * (self.slots[pushed] as usize * self.most + self.slots[at] as usize);
+        Matrix3::from_column_slice(&self.blocks[first..first + BLOCK])
     }
 
     /// Displacements of all present anchors \[m\] under `forces` on them \[N\], (anchors) each.
@@ -260,10 +275,10 @@ impl Pairs {
                 if both && a > b {
                     continue;
                 }
-                let block = self.block(b, a);
-                moved_m[a] += block.tr_mul(on_b);
+                let block = self.block(a, b);
+                moved_m[a] += block * on_b;
                 if both && a < b {
-                    moved_m[b] += block * on_a;
+                    moved_m[b] += block.tr_mul(on_a);
                 }
             }
         }
@@ -279,67 +294,146 @@ impl Pairs {
         spread: &Spread,
         w: &mut [f64],
     ) {
-        let single = rows.len();
-        let n = single + spread.rows.len();
+        let n = rows.len() + spread.rows.len();
         let anchors = self.slots.len();
-        let of = |anchor: usize| first_row[anchor] as usize..first_row[anchor + 1] as usize;
-        self.acting.clear();
-        self.acting
-            .extend((0..anchors as u32).filter(|anchor| !of(*anchor as usize).is_empty()));
-        for (place, &b) in self.acting.iter().enumerate() {
-            // The transposes of those per force on `b`; these lie side by side.
-            let blocks = self.blocks_at(b as usize);
-            for column in of(b as usize) {
-                let direction = Vector3::from(rows[column].direction);
-                let entries = &mut w[n * column..n * (column + 1)];
-                for &a in &self.acting[..=place] {
-                    let moved = blocks[self.slots[a as usize] as usize].tr_mul(&direction);
-                    for row in of(a as usize) {
-                        entries[row] = moved.dot(&Vector3::from(rows[row].direction));
-                    }
-                }
+        let directions = rows.iter().map(|row| {
+            let [x, y, z] = row.direction;
+            (row.anchor, [x, y, z, 0.0])
+        });
+        self.directions.clear();
+        self.directions.extend(directions);
+        self.arch.dispatch(Projection {
+            blocks: Blocks {
+                stride: BLOCK * self.most,
+                numbers: &self.blocks,
+                slots: &self.slots,
+            },
+            directions: &self.directions,
+            first_row,
+            spread,
+            moved: &mut self.moved[..anchors],
+            w,
+        });
+        mirror(w, n);
+    }
+}
+
+/// Blocks between the present anchors.
+#[derive(Clone, Copy)]
+struct Blocks<'a> {
+    /// From the blocks of one slot to those of the next.
+    stride: usize,
+    numbers: &'a [f64],
+    slots: &'a [u32],
+}
+
+impl<'a> Blocks<'a> {
+    /// What a force on an anchor moves each by, in their order, and a fourth number of no meaning.
+    #[inline(always)]
+    fn moved(self, anchor: usize, force: [f64; 3]) -> impl Iterator<Item = [f64; LANES]> + 'a {
+        let first = self.slots[anchor] as usize * self.stride;
+        let blocks = &self.numbers[first..first + self.stride + LANES - 3];
+        self.slots.iter().map(move |slot| {
+            let first = BLOCK * *slot as usize;
+            let block = &blocks[first..first + BLOCK + LANES - 3];
+            std::array::from_fn(|lane| {
+                let [x, y, z] = [block[lane], block[lane + 3], block[lane + 6]];
+                x * force[0] + y * force[1] + z * force[2]
+            })
+        })
+    }
+}
+
+/// What [`Pairs::project`] does on the processor at hand.
+struct Projection<'a> {
+    blocks: Blocks<'a>,
+    /// Of each single row its anchor, and its direction.
+    directions: &'a [(u32, [f64; LANES])],
+    first_row: &'a [u32],
+    spread: &'a Spread,
+    /// What forces move each anchor by, (anchors).
+    moved: &'a mut [[f64; LANES]],
+    w: &'a mut [f64],
+}
+
+// Not closures: those are not inlined into the function compiled for the processor at hand.
+impl WithSimd for Projection<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, _simd: S) {
+        self.fill_single();
+        self.fill_spread();
+    }
+}
+
+impl Projection<'_> {
+    fn rows(&self) -> usize {
+        self.directions.len() + self.spread.rows.len()
+    }
+
+    /// The upper triangle's columns of single rows.
+    #[inline(always)]
+    fn fill_single(&mut self) {
+        let n = self.rows();
+        for (column, &(anchor, [x, y, z, _])) in self.directions.iter().enumerate() {
+            let anchor = anchor as usize;
+            let all = self.blocks.moved(anchor, [x, y, z]);
+            for (moved, now) in self.moved[..=anchor].iter_mut().zip(all) {
+                *moved = now;
             }
+            let until = self.first_row[anchor + 1] as usize;
+            let entries = &mut self.w[n * column..][..until];
+            along(self.moved, &self.directions[..until], entries);
         }
-        // Backwards: what a thread has beyond one place after the other is so a sum that grows.
+    }
+
+    /// The upper triangle's columns of rows on several anchors. Backwards: what a thread has beyond one place after the other is
+    /// so a sum that grows.
+    #[inline(always)]
+    fn fill_spread(&mut self) {
+        let (n, single) = (self.rows(), self.directions.len());
+        self.moved.fill([0.0; LANES]);
         let mut known: &[Term] = &[];
-        self.moved[..anchors].fill(Vector3::zeros());
-        for (index, row) in spread.rows.iter().enumerate().rev() {
+        for (index, row) in self.spread.rows.iter().enumerate().rev() {
             let column = single + index;
-            let terms = spread.terms_of(row);
+            let terms = self.spread.terms_of(row);
             if changes(known, terms).count() > terms.len() {
                 known = &[];
-                self.moved[..anchors].fill(Vector3::zeros());
+                self.moved.fill([0.0; LANES]);
             }
             for (anchor, change) in changes(known, terms) {
-                // As above, the transposes.
-                let first = self.slots[anchor as usize] as usize * self.most;
-                let blocks = &self.blocks[first..first + self.most];
-                for (moved, slot) in self.moved.iter_mut().zip(&self.slots) {
-                    *moved += blocks[*slot as usize].tr_mul(&change);
+                let all = self.blocks.moved(anchor as usize, change.into());
+                for (moved, more) in self.moved.iter_mut().zip(all) {
+                    *moved = std::array::from_fn(|lane| moved[lane] + more[lane]);
                 }
             }
             known = terms;
-            let entries = &mut w[n * column..n * (column + 1)];
-            for (entry, row) in entries.iter_mut().zip(rows) {
-                *entry = self.moved[row.anchor as usize].dot(&Vector3::from(row.direction));
-            }
-            for (entry, before) in entries[single..].iter_mut().zip(&spread.rows[..=index]) {
-                let parts = spread.terms_of(before).iter().map(|term| {
-                    let moved = &self.moved[term.anchor as usize];
-                    moved.dot(&Vector3::from(term.direction))
+            let entries = &mut self.w[n * column..n * (column + 1)];
+            along(self.moved, self.directions, entries);
+            for (entry, before) in entries[single..]
+                .iter_mut()
+                .zip(&self.spread.rows[..=index])
+            {
+                let parts = self.spread.terms_of(before).iter().map(|term| {
+                    let [x, y, z, _] = self.moved[term.anchor as usize];
+                    Vector3::new(x, y, z).dot(&Vector3::from(term.direction))
                 });
                 *entry = parts.sum();
             }
             // What gives way besides the tissue.
-            w[(n + 1) * column] += row.compliance_m_per_n;
+            self.w[(n + 1) * column] += row.compliance_m_per_n;
         }
-        mirror(w, n);
     }
+}
 
-    /// Blocks of what forces anywhere move `at` by, by slot.
-    fn blocks_at(&self, at: usize) -> &[Matrix3<f64>] {
-        let first = self.slots[at] as usize * self.most;
-        &self.blocks[first..first + self.most]
+/// How far `moved` anchors go along rows, into `entries`, (rows).
+#[inline(always)]
+fn along(moved: &[[f64; LANES]], rows: &[(u32, [f64; LANES])], entries: &mut [f64]) {
+    for (entry, (anchor, direction)) in entries.iter_mut().zip(rows) {
+        let moved = &moved[*anchor as usize];
+        let [x, y, z, _] = std::array::from_fn(|lane| moved[lane] * direction[lane]);
+        *entry = x + y + z;
     }
 }
 

@@ -294,7 +294,7 @@ impl ConstraintSystem {
             free: vec![Vector3::zeros(); most_anchors],
             moved: Vec::with_capacity(most_anchors),
             is_displaced: false,
-            pairs: Pairs::new(most_anchors),
+            pairs: Pairs::new(most_anchors, most_rows),
             spread: Spread {
                 rows: Vec::with_capacity(settings.most_spread),
                 terms: Vec::with_capacity(settings.most_terms),
@@ -488,7 +488,7 @@ impl ConstraintSystem {
     }
 
     /// Displacement of an anchor of the last [`Self::assemble`] per force on another \[m/N\].
-    pub fn between(&self, at: usize, pushed: usize) -> &Matrix3<f64> {
+    pub fn between(&self, at: usize, pushed: usize) -> Matrix3<f64> {
         self.pairs.block(at, pushed)
     }
 
