@@ -382,6 +382,7 @@ impl ConstraintSystem {
 
     /// As [`Self::compliance`], for what gives way besides the tissue.
     pub fn compliance_mut(&mut self, rows: usize) -> &mut [f64] {
+        self.rows_work.forget_factors();
         &mut self.w[..rows * rows]
     }
 
@@ -720,6 +721,7 @@ impl ConstraintSystem {
                 });
             *delta = row.target_m - along.sum::<f64>();
         }
+        self.rows_work.forget_factors();
         let factor = grasp.motion.factor();
         self.pairs.look(&self.next_anchors, &self.columns, factor);
         let w = &mut self.w[..n * n];
@@ -780,6 +782,11 @@ impl ConstraintSystem {
         rows::condense(&problem, &self.open, keep, jacobian, work, out).is_some()
     }
 
+    /// How the rows of the last solve answer other targets, where that left its factors and its compliance is as it was.
+    pub fn solved_rows(&self) -> &rows::Workspace {
+        &self.rows_work
+    }
+
     /// Finds the forces, with the compliance in which normals turn if some do.
     pub fn solve(
         &mut self,
@@ -804,6 +811,9 @@ impl ConstraintSystem {
             &mut grasp.forces,
             &mut self.rows_work,
         );
+        if turning.is_some() {
+            self.rows_work.forget_factors();
+        }
         if turning.is_some() && !is_solved(&outcome) {
             // Far from balance there may be none with normals that turn: slower without, but downhill.
             return self.solve(rows, None, grasp);

@@ -35,8 +35,13 @@ pub(super) fn solve(problem: &Problem, work: &mut Workspace) -> Finish {
     start(work);
     work.vectors.centre[..n].fill(0.0);
     if reduce(problem, work, 0.0).is_ok()
-        && let Ok(Found { iterations, .. }) = search(work, true)
+        && let Ok(found) = search(work, true)
     {
+        let Found {
+            iterations,
+            converged,
+        } = found;
+        work.is_factored = converged && !work.scaled.cones;
         flag_empty(problem, work);
         return Finish { iterations };
     }
@@ -129,7 +134,7 @@ fn condense_targets(scaled: &Scaled, epsilon: f64, factor: &[f64], cross: &[f64]
     }
 }
 
-fn dot(a: &[f64], b: &[f64]) -> f64 {
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
@@ -142,6 +147,7 @@ fn search(work: &mut Workspace, regular: bool) -> Result<Found, Dependent> {
     let factor = &work.equality[..e * e];
     let cross = &work.cross[..e * m];
     let v = &mut work.vectors;
+    work.active.rows.clear();
     condense_targets(scaled, epsilon, factor, cross, v);
     let mut found = Found {
         iterations: 1,

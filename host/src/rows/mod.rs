@@ -25,6 +25,7 @@
 //! bound could reach, is reported as a conflict.
 
 mod active_set;
+mod answer;
 mod bounded;
 mod cone;
 mod coulomb;
@@ -191,6 +192,7 @@ pub fn solve(
         state.clear();
         return Outcome::refused(Status::TooManyRows);
     }
+    work.forget_factors();
     state.recall(problem.rows, &mut work.warm);
     state.rest(problem.rows);
     work.flags.clear();

@@ -147,6 +147,7 @@ fn linearise<'a>(
     skip: &[usize],
     work: &'a mut Workspace,
 ) -> Option<Linear<'a>> {
+    work.forget_factors();
     let n = problem.rows.len();
     let known = state.ids.iter().eq(problem.rows.iter().map(|row| &row.id));
     if !known || n > work.largest() || work.scaled.prepare(problem, false).is_err() {

@@ -92,8 +92,7 @@ impl Scaled {
             return Err(Fault::Malformed);
         }
         check_kinds(problem)?;
-        let finite = |numbers: &[f64]| numbers.iter().fold(true, |all, x| all & x.is_finite());
-        if !finite(problem.compliance) || !finite(problem.delta_free) {
+        if !finite(problem.delta_free) {
             return Err(Fault::NotFinite);
         }
         self.n = n;
@@ -133,7 +132,7 @@ impl Scaled {
         if !(finite(&self.target) && finite(&self.scale)) {
             return Err(Fault::NotFinite);
         }
-        self.check_semidefinite(problem)
+        self.check_compliance(problem)
     }
 
     /// Scales the next row, or the next three if it is a normal.
@@ -219,7 +218,8 @@ impl Scaled {
         Ok(())
     }
 
-    fn check_semidefinite(&mut self, problem: &Problem) -> Result<(), Fault> {
+    /// One look at every entry, for a number and for what it may be.
+    fn check_compliance(&mut self, problem: &Problem) -> Result<(), Fault> {
         let n = self.n;
         let w = problem.compliance;
         self.root.clear();
@@ -234,10 +234,14 @@ impl Scaled {
             let column = &w[j * n..(j + 1) * n];
             let mut sound = true;
             for (entry, root) in column.iter().zip(&self.root) {
-                sound &= entry.abs() <= own * root;
+                // Not a number is not below anything.
+                sound &= entry.abs() <= (own * root).min(f64::MAX);
             }
             if !sound {
-                return Err(Fault::Malformed);
+                return Err(match finite(w) {
+                    true => Fault::Malformed,
+                    false => Fault::NotFinite,
+                });
             }
         }
         Ok(())
@@ -266,6 +270,10 @@ impl Scaled {
             }
         }
     }
+}
+
+fn finite(numbers: &[f64]) -> bool {
+    numbers.iter().fold(true, |all, x| all & x.is_finite())
 }
 
 /// `W_ii^(-1/2)`, 1 for an empty row.

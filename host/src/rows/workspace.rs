@@ -32,6 +32,8 @@ pub struct Workspace {
     /// Schur complement of the other rows, (m x m).
     pub(super) schur: Vec<f64>,
     pub(super) active: Active,
+    /// Whether the factors are of the held rows of the last solve.
+    pub(super) is_factored: bool,
     /// Right-hand sides of the reduction, (n x n + 6).
     pub(super) columns: Vec<f64>,
 }
@@ -115,6 +117,7 @@ impl Workspace {
             cross: square(),
             schur: square(),
             active: Active::new(largest),
+            is_factored: false,
             columns: vec![0.0; largest * (largest + 6)],
         }
     }
@@ -159,7 +162,12 @@ impl Workspace {
             delta_free: &vectors.trial[..n],
             ..*problem
         };
-        gaps(&solved, &state.lambda, &mut vectors.trial_delta[..n]);
+        let trial_delta = &mut vectors.trial_delta[..n];
+        if vectors.shift[..n].iter().any(|shift| *shift != 0.0) {
+            gaps(&solved, &state.lambda, trial_delta);
+        } else {
+            trial_delta.copy_from_slice(&state.delta);
+        }
         outcome.residual = residuals(&solved, &state.lambda, &vectors.trial_delta[..n]).largest();
         for (at, &row) in scaled.order.iter().enumerate() {
             let held = scaled.law[at] != Law::NONE && state.modes[row] == Mode::Held;

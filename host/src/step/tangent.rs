@@ -40,8 +40,18 @@ pub(crate) struct TangentWork {
     follow: Vec<(usize, f64)>,
     /// Of rows of threads at a bound, which answer what others do, not a motion.
     ties: Vec<Tie>,
-    /// Whether it is the Cholesky factor.
-    symmetric: bool,
+    factor: Factor,
+    /// For answers of the last solve, (n x 6).
+    answers: Vec<f64>,
+}
+
+/// What solves for changes of the rows' multipliers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Factor {
+    /// That of the last solve.
+    Solved,
+    Cholesky,
+    Lu,
 }
 
 /// Whose a contact is.
@@ -144,7 +154,8 @@ impl TangentWork {
             free: Vec::with_capacity(most_rows),
             follow: Vec::with_capacity(most_rows),
             ties: Vec::with_capacity(2 * most_rows),
-            symmetric: false,
+            factor: Factor::Lu,
+            answers: vec![0.0; 6 * most_rows],
         }
     }
 
@@ -171,16 +182,24 @@ impl TangentWork {
         let slides = self.touched.iter().any(|(_, touched)| touched.slides())
             || work.jaws.points.iter().any(|point| point.slips);
         let follows = !self.follow.is_empty() || self.ties.iter().any(|tie| tie.less != 0.0);
-        self.symmetric = !slides && !follows;
-        if self.symmetric {
+        let symmetric = !slides && !follows;
+        let replaced = !self.touched.is_empty() || !work.jaws.points.is_empty();
+        let as_solved = symmetric && !replaced && !self.turns && self.ties.is_empty();
+        if as_solved && work.system.solved_rows().answers(&self.free, SAME) {
+            self.factor = Factor::Solved;
+            return;
+        }
+        if symmetric {
             self.gather(work, 0.0);
             let matrix = &mut self.matrix[..n * n];
-            self.symmetric = self.dense.factor(matrix, n).is_ok() && is_regular(matrix, n);
+            if self.dense.factor(matrix, n).is_ok() && is_regular(matrix, n) {
+                self.factor = Factor::Cholesky;
+                return;
+            }
         }
-        if !self.symmetric {
-            self.gather(work, REGULAR);
-            self.lu.factor(&mut self.matrix[..n * n], n);
-        }
+        self.factor = Factor::Lu;
+        self.gather(work, REGULAR);
+        self.lu.factor(&mut self.matrix[..n * n], n);
     }
 
     /// Which rows bear no force, and which follow what they hold.
@@ -358,10 +377,13 @@ impl TangentWork {
             self.ties.iter().for_each(|tie| change[tie.row] = 0.0);
         }
         let (matrix, change) = (&self.matrix[..n * n], &mut self.change[..6 * n]);
-        if self.symmetric {
-            self.dense.solve(matrix, n, change, 6);
-        } else {
-            self.lu.solve(matrix, n, change, 6);
+        match self.factor {
+            Factor::Solved => {
+                let (dense, answers) = (&mut self.dense, &mut self.answers);
+                work.system.solved_rows().answer(change, dense, answers);
+            }
+            Factor::Cholesky => self.dense.solve(matrix, n, change, 6),
+            Factor::Lu => self.lu.solve(matrix, n, change, 6),
         }
         let mut tangent = smooth.map_or_else(Matrix6::zeros, |smooth| {
             let [moved, forces] = [&self.jacobian, &self.change];
