@@ -97,17 +97,15 @@ impl Nearby {
         if !most.is_finite() {
             return;
         }
-        if 2.0 * most + within_m > self.reach_m {
-            let from = |node: u32| path(node).from;
-            self.list(
-                touching,
-                from,
-                touching.settings.guard * touching.mean_edge_m(),
-            );
+        let reach_m = touching.settings.guard * touching.mean_edge_m();
+        // A list made anew helps where they do not move farther than it would reach.
+        let helps = || 2.0 * farthest_m(touching, &path) + within_m <= reach_m;
+        if 2.0 * most + within_m > self.reach_m && helps() {
+            self.list(touching, |node| path(node).from, reach_m);
             most = self.follow(touching, &path);
         }
         if 2.0 * most + within_m > self.reach_m {
-            // They move farther than a list reaches: once all that meets on the way.
+            // All that meets on the way, this once.
             self.meeting(touching, path, within_m, visit);
             return;
         }
@@ -221,6 +219,15 @@ impl Nearby {
         }
         clear
     }
+}
+
+/// How far a node moves at most \[m\].
+fn farthest_m(touching: &Touching, path: &impl Fn(u32) -> Path) -> f64 {
+    let ways = touching.nodes.iter().map(|node| {
+        let Path { from, to } = path(*node);
+        (to - from).norm_squared()
+    });
+    ways.fold(0.0, f64::max).sqrt()
 }
 
 fn margin(separation_m: f64) -> Margin {

@@ -199,9 +199,6 @@ impl<'a> Balance<'a> {
         let mut solves = 0;
         loop {
             self.settle(&mut solves)?;
-            if self.work.nodes.pushes.len() > MANY_PUSHES {
-                self.find_all_nodes();
-            }
             let mut changed = false;
             for source in sources.each() {
                 changed |= source.advance(self, played)?;
@@ -234,6 +231,10 @@ impl<'a> Balance<'a> {
                 settled &= source.settle(self, *solves)?;
             }
             if settled && !sources.each().any(|source| source.meets(self)) {
+                // Whoever asks where nodes are now asks for many.
+                if self.pushes_many() {
+                    self.find_all_nodes();
+                }
                 return Ok(());
             }
         }
@@ -366,10 +367,15 @@ impl<'a> Balance<'a> {
         self.clock.lap(&mut self.report.stages.field_ns);
     }
 
+    /// Whether a field costs less than the sums that are asked for without one.
+    fn pushes_many(&self) -> bool {
+        self.work.nodes.pushes.len() > MANY_PUSHES
+    }
+
     /// Finds where the forces of the last solve move its anchors.
     pub fn displace_anchors(&mut self) {
-        // Where many are pushed all nodes are found after every balance.
-        if self.work.nodes.pushes.len() > MANY_PUSHES {
+        // All nodes are to be found as soon as this solve is the last.
+        if self.pushes_many() {
             self.find_all_nodes();
             self.work.system.displace_by_field();
         } else {
