@@ -11,6 +11,7 @@ use super::scaled::{Law, Scaled};
 use super::slip::Slip;
 use super::workspace::{Active, Workspace};
 use super::{Mode, Problem, State};
+use sutura_factor::add_product;
 
 /// Derivative of a tool's wrench by its pose through the rows' forces.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -99,14 +100,14 @@ pub fn condense(
     for (column, source) in sources.enumerate() {
         active.load(column, source);
     }
-    active.solve(kept + axes);
+    let answered = active.answer(kept, axes);
     for (i, &row) in keep.iter().enumerate() {
         for (j, &column) in keep.iter().enumerate() {
-            out.compliance[j * kept + i] = w(column)[row] - active.weigh(w(row), j);
+            out.compliance[j * kept + i] = w(column)[row] - answered[j * kept + i];
         }
         for axis in 0..axes {
             out.jacobian[axis * kept + i] =
-                jacobian[axis * n + row] - active.weigh(w(row), kept + axis);
+                jacobian[axis * n + row] - answered[(kept + axis) * kept + i];
         }
     }
     let mut skew = 0.0f64;
@@ -136,6 +137,9 @@ struct Linear<'a> {
     scaled: &'a Scaled,
     active: &'a mut Active,
     columns: &'a mut [f64],
+    /// Right-hand sides once more, and what the kept rows get of the forces.
+    loads: &'a mut [f64],
+    answered: &'a mut [f64],
     slips: bool,
     epsilon: f64,
 }
@@ -178,6 +182,8 @@ fn linearise<'a>(
         scaled: &work.scaled,
         active,
         columns: &mut work.columns,
+        loads: &mut work.loads,
+        answered: &mut work.answered,
         slips,
         epsilon: 0.0,
     };
@@ -294,6 +300,19 @@ impl Linear<'_> {
                 }
             }
         }
+    }
+
+    /// Solves for `kept` rows' columns and `axes` more, and holds against each of the former what the forces move them by,
+    /// (kept x (kept + axes)).
+    fn answer(&mut self, kept: usize, axes: usize) -> &[f64] {
+        let (k, count) = (self.size(), kept + axes);
+        self.loads[..k * kept].copy_from_slice(&self.columns[..k * kept]);
+        self.solve(count);
+        let (loads, forces) = (&self.loads[..k * kept], &self.columns[..k * count]);
+        let answered = &mut self.answered[..kept * count];
+        answered.fill(0.0);
+        add_product(1.0, loads, forces, answered, (k, kept, count));
+        answered
     }
 
     /// Sum over the active rows of `weights` (by row) times the forces of `column`.

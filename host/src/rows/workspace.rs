@@ -36,6 +36,9 @@ pub struct Workspace {
     pub(super) is_factored: bool,
     /// Right-hand sides of the reduction, (n x n + 6).
     pub(super) columns: Vec<f64>,
+    /// The same before they are solved for, and products of both.
+    pub(super) loads: Vec<f64>,
+    pub(super) answered: Vec<f64>,
 }
 
 /// The factor that changes with the active set.
@@ -119,6 +122,8 @@ impl Workspace {
             active: Active::new(largest),
             is_factored: false,
             columns: vec![0.0; largest * (largest + 6)],
+            loads: square(),
+            answered: vec![0.0; largest * (largest + 6)],
         }
     }
 

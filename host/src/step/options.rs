@@ -19,6 +19,8 @@ pub struct StepOptions {
     pub reach_m: f64,
     /// Most passes over corotational or hyperelastic tissue, if not as many as the model says.
     pub passes: Option<u32>,
+    /// Whether nobody asks what tools with a shape may come to feel: their contacts have no rows, and no tangent while they are apart.
+    pub without_tools: bool,
     /// So far around the tip of a needle outside surfaces are looked for \[m\], for
     /// [`NeedleReport::near`](crate::needle::NeedleReport::near); 0: they are not.
     pub tip_reach_m: f64,
@@ -33,6 +35,7 @@ impl StepOptions {
             ahead_m: [0.0; 3],
             reach_m: 0.0,
             passes: None,
+            without_tools: false,
             tip_reach_m: 0.0,
         }
     }

@@ -318,7 +318,7 @@ impl Step<'_> {
         );
         prefetch::near_tools(balance, options);
         reduce(model, balance, samples, tangent);
-        if let Some(cones) = cones {
+        if let Some(cones) = cones.as_mut().filter(|_| !options.without_tools) {
             reduce_tools(model, balance, samples, options, cones, rows);
         }
         balance.clock.lap(&mut balance.report.stages.reduce_ns);

@@ -8,7 +8,7 @@ use super::super::look_budget::Ahead;
 use super::super::{Effort, Goal, HeldNeedle, HeldThread, sideways};
 use super::SceneSolver;
 use crate::needle::{NeedleReport, TipPlace};
-use crate::step::{Status, StepReport};
+use crate::step::{Status, StepOptions, StepReport};
 use crate::tool::ToolSample;
 use sutura_shared::wire::message::{Course, State, Tension};
 
@@ -142,6 +142,7 @@ impl SceneSolver {
         let near = (0.0..=NEARLY_TAUT_M).contains(&thread.slack_m);
         let known = thread.direction != [0.0; 3];
         let linear = self.follower.is_linear();
+        let options = self.options_ahead();
         let budget = &mut self.past.budget;
         let is_paid = budget.affords(Ahead::Pull, like) >= 1;
         if !(near && known && linear && is_paid) {
@@ -166,7 +167,7 @@ impl SceneSolver {
             {
                 *at = from - pull * way_m;
             }
-            let report = tissue.try_on(&mut state, &samples, &self.options);
+            let report = tissue.try_on(&mut state, &samples, &options);
             budget.made(Ahead::Pull, 0, &report);
             let there = HeldThread::at_grip(&report, thread.tool);
             let Some(there) = there.filter(|_| report.status == Status::Ok) else {
@@ -177,6 +178,15 @@ impl SceneSolver {
                 thread.slack_m = (way_m - there.tension_n / there.stiffness_n_per_m).max(0.0);
                 return;
             }
+        }
+    }
+
+    /// What a step is asked for of which only needles and threads are read.
+    fn options_ahead(&self) -> StepOptions {
+        StepOptions {
+            without_tools: true,
+            tip_reach_m: 0.0,
+            ..self.options
         }
     }
 
@@ -215,7 +225,7 @@ impl SceneSolver {
         Some(Look {
             reach_m,
             steps,
-            options: self.options,
+            options: self.options_ahead(),
             speed_m_per_s: speed_m_per_s.abs(),
             goes_back,
         })
