@@ -8,6 +8,7 @@
 use super::feature::{Feature, Found, Part};
 use super::shape::Rod;
 use crate::anchors::AnchorPoint;
+use crate::boxes::Bounds;
 use crate::mesh::HalfFace;
 use crate::needle::{Capsule, Lie, MOST_GROUPS, Slack};
 use crate::step::{Balance, Sources};
@@ -74,16 +75,25 @@ impl TouchWork {
     }
 }
 
+/// The chord of a stretch and what may stray from it, and so far around that all is that is nearer to the rod there than
+/// `reach_m`.
+fn around(rod: &Rod, [from, to]: [f64; 2], reach_m: f64) -> (Capsule, f64) {
+    let [a, b] = [from, to].map(|alpha| rod.curve.at(alpha));
+    let aside = (b - a) * STRAYS;
+    // An arc leaves its chord by an eighth of its curvature times its length squared; what is longer here is for what strays.
+    let long_m = (to - from) * (1.0 + 4.0 * STRAYS);
+    let bulge_m = long_m * long_m * rod.curve.curvature_at(0.5 * (from + to)) / 8.0;
+    let capsule = Capsule::new(&(a - aside), &(b + aside));
+    (capsule, reach_m + rod.radius_m + bulge_m)
+}
+
 impl Balance<'_> {
     /// Lists the faces of the boundary that are nearer to a stretch of a rod than `reach_m`.
-    fn near_stretch(&self, rod: &Rod, [from, to]: [f64; 2], reach_m: f64, out: &mut Vec<HalfFace>) {
+    fn near_stretch(&self, rod: &Rod, stretch: [f64; 2], reach_m: f64, out: &mut Vec<HalfFace>) {
         out.clear();
         let mut slack = [0.0; MOST_GROUPS];
         let slack = Slack::ByGroup(self.slack(&mut slack));
-        let bend = rod.curve.curvature_at(0.5 * (from + to));
-        let long_m = to - from;
-        let reach_m = reach_m + rod.radius_m + long_m * long_m * bend / 8.0;
-        let capsule = Capsule::new(&rod.curve.at(from), &rod.curve.at(to));
+        let (capsule, reach_m) = around(rod, stretch, reach_m);
         self.sources.hierarchy.near(
             |bounds, group| capsule.meets(bounds, reach_m + slack.of(group)),
             |face| out.push(face),
@@ -111,8 +121,17 @@ impl Balance<'_> {
         let rod = swept.rod();
         let (most, mut has_room) = (MOST_TOUCHES - touches.len(), true);
         for stretch in rod.stretches() {
-            self.near_stretch(rod, stretch, within_m.max(0.0), near);
+            let reach_m = within_m.max(0.0);
+            self.near_stretch(rod, stretch, reach_m, near);
+            let (capsule, reach_m) = around(rod, stretch, reach_m);
             for face in &*near {
+                // Of those that may be near most are not where they are now.
+                let nodes = self.sources.mesh.vertices(*face).into_iter();
+                let bounds =
+                    nodes.fold(Bounds::NOTHING, |all, node| all.with(&self.position(node)));
+                if !capsule.meets(&bounds, reach_m) {
+                    continue;
+                }
                 self.look(swept, touches, stretch, *face, |feature, there| {
                     let is_near = there.gap_m < within_m && there.gap_m > -rod.radius_m;
                     let is_new = is_near && there.is_within && self.gives(&there.at);
