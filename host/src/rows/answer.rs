@@ -48,7 +48,7 @@ impl Workspace {
         let others = &mut others[..count * k];
         let column_of = |row: &usize| &cross[row * e..(row + 1) * e];
         let held = || (0..e).chain(active.rows.iter().map(|row| e + row));
-        for (index, column) in columns.chunks_exact(n).enumerate() {
+        for (index, column) in columns.chunks_exact(n.max(1)).enumerate() {
             for (place, at) in held().enumerate() {
                 let value = column[scaled.order[at]] * scaled.scale[at];
                 match place.checked_sub(e) {
@@ -60,23 +60,27 @@ impl Workspace {
         if e > 0 {
             solve_lower(&equality[..e * e], e, own, count);
         }
-        if k > 0 {
-            for (place, other) in others.iter_mut().enumerate() {
-                let own = &own[place / k * e..][..e];
-                *other -= dot(column_of(&active.rows[place % k]), own);
+        for index in 0..count {
+            let (own, others) = (&own[index * e..][..e], &mut others[index * k..][..k]);
+            for (other, row) in others.iter_mut().zip(&active.rows) {
+                *other -= dot(column_of(row), own);
             }
+        }
+        if k > 0 {
             dense.solve(&active.matrix[..k * k], k, others, count);
         }
-        if e > 0 {
-            for (place, other) in others.iter().enumerate() {
-                let own = &mut own[place / k * e..][..e];
-                for (own, c) in own.iter_mut().zip(column_of(&active.rows[place % k])) {
+        for index in 0..count {
+            let (own, others) = (&mut own[index * e..][..e], &others[index * k..][..k]);
+            for (other, row) in others.iter().zip(&active.rows) {
+                for (own, c) in own.iter_mut().zip(column_of(row)) {
                     *own -= c * other;
                 }
             }
+        }
+        if e > 0 {
             solve_lower_transposed(&equality[..e * e], e, own, count);
         }
-        for (index, column) in columns.chunks_exact_mut(n).enumerate() {
+        for (index, column) in columns.chunks_exact_mut(n.max(1)).enumerate() {
             for (place, at) in held().enumerate() {
                 let value = match place.checked_sub(e) {
                     None => own[index * e + place],
