@@ -93,6 +93,18 @@ pub fn add_product(
     );
 }
 
+/// `c -= a b` for a (m x k), b (k x n) and c (m x n).
+pub fn subtract_combination(a: &[f64], b: &[f64], c: &mut [f64], (k, m, n): (usize, usize, usize)) {
+    matmul(
+        MatMut::from_column_major_slice_mut(c, m, n),
+        Accum::Add,
+        MatRef::from_column_major_slice(a, m, k),
+        MatRef::from_column_major_slice(b, k, n),
+        -1.0,
+        Par::Seq,
+    );
+}
+
 /// Scratch and pivots for LU factors of matrices of up to a given size.
 pub struct Lu {
     memory: MemBuffer,

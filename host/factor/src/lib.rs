@@ -11,7 +11,8 @@ mod supernodes;
 
 pub use cholesky::{Cholesky, Lower, NoMemory, Scratch};
 pub use dense::{
-    Dense, Lu, add_product, prepare_thread, solve_lower, solve_lower_transposed, subtract_product,
+    Dense, Lu, add_product, prepare_thread, solve_lower, solve_lower_transposed,
+    subtract_combination, subtract_product,
 };
 pub use supernodes::{Supernodes, SweepScratch};
 

@@ -134,7 +134,7 @@ fn condense_targets(scaled: &Scaled, epsilon: f64, factor: &[f64], cross: &[f64]
     }
 }
 
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
+fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 

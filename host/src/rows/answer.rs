@@ -2,10 +2,11 @@
 //!
 //! Entry points: [`Workspace::answers`], then [`Workspace::answer`]. See the header of [`super`] for the elimination.
 
-use super::active_set::dot;
 use super::bounded::smallest_pivot;
 use super::workspace::Workspace;
-use sutura_factor::{Dense, solve_lower, solve_lower_transposed};
+use sutura_factor::{
+    Dense, solve_lower, solve_lower_transposed, subtract_combination, subtract_product,
+};
 
 impl Workspace {
     /// Whether [`Self::answer`] is of the rows that are not `free`, (n), none of which is in part what others say: its least
@@ -33,7 +34,7 @@ impl Workspace {
     }
 
     /// `W_hh^-1` times the entries of held rows in each column, (n x columns), the others left as they are.
-    /// `scratch` has room for as many numbers.
+    /// `scratch` has room for twice as many numbers.
     pub fn answer(&self, columns: &mut [f64], dense: &mut Dense, scratch: &mut [f64]) {
         let Self {
             scaled,
@@ -43,48 +44,48 @@ impl Workspace {
             ..
         } = self;
         let (n, e, k) = (scaled.n, scaled.equalities, active.rows.len());
-        let count = columns.len() / n.max(1);
-        let (own, others) = scratch.split_at_mut(count * e);
-        let others = &mut others[..count * k];
-        let column_of = |row: &usize| &cross[row * e..(row + 1) * e];
-        let held = || (0..e).chain(active.rows.iter().map(|row| e + row));
+        let (m, count) = (n - e, columns.len() / n.max(1));
+        let (equality, cross) = (&equality[..e * e], &cross[..e * m]);
+        let (own, scratch) = scratch.split_at_mut(count * e);
+        let (others, scratch) = scratch.split_at_mut(count * m);
+        let held = &mut scratch[..count * k];
+        // Place among the held, and among the others.
+        let places = || {
+            let rows = active.rows.iter().enumerate();
+            (0..count).flat_map(move |index| {
+                let at = move |(place, row): (usize, &usize)| (index * k + place, index * m + row);
+                rows.clone().map(at)
+            })
+        };
         for (index, column) in columns.chunks_exact(n.max(1)).enumerate() {
-            for (place, at) in held().enumerate() {
-                let value = column[scaled.order[at]] * scaled.scale[at];
-                match place.checked_sub(e) {
-                    None => own[index * e + place] = value,
-                    Some(place) => others[index * k + place] = value,
+            for (at, (row, scale)) in scaled.order.iter().zip(&scaled.scale).enumerate() {
+                let value = column[*row] * scale;
+                match at.checked_sub(e) {
+                    None => own[index * e + at] = value,
+                    Some(other) => others[index * m + other] = value,
                 }
             }
         }
         if e > 0 {
-            solve_lower(&equality[..e * e], e, own, count);
-        }
-        for index in 0..count {
-            let (own, others) = (&own[index * e..][..e], &mut others[index * k..][..k]);
-            for (other, row) in others.iter_mut().zip(&active.rows) {
-                *other -= dot(column_of(row), own);
-            }
+            solve_lower(equality, e, own, count);
+            subtract_product(cross, own, others, (e, m, count));
         }
         if k > 0 {
-            dense.solve(&active.matrix[..k * k], k, others, count);
+            places().for_each(|(place, other)| held[place] = others[other]);
+            dense.solve(&active.matrix[..k * k], k, held, count);
         }
-        for index in 0..count {
-            let (own, others) = (&mut own[index * e..][..e], &others[index * k..][..k]);
-            for (other, row) in others.iter().zip(&active.rows) {
-                for (own, c) in own.iter_mut().zip(column_of(row)) {
-                    *own -= c * other;
-                }
-            }
-        }
+        others.fill(0.0);
+        places().for_each(|(place, other)| others[other] = held[place]);
         if e > 0 {
-            solve_lower_transposed(&equality[..e * e], e, own, count);
+            subtract_combination(cross, others, own, (m, e, count));
+            solve_lower_transposed(equality, e, own, count);
         }
         for (index, column) in columns.chunks_exact_mut(n.max(1)).enumerate() {
-            for (place, at) in held().enumerate() {
-                let value = match place.checked_sub(e) {
-                    None => own[index * e + place],
-                    Some(place) => others[index * k + place],
+            let held = active.rows.iter().map(|row| e + row);
+            for at in (0..e).chain(held) {
+                let value = match at.checked_sub(e) {
+                    None => own[index * e + at],
+                    Some(other) => others[index * m + other],
                 };
                 column[scaled.order[at]] = value * scaled.scale[at];
             }
@@ -147,7 +148,7 @@ mod tests {
             assert!(!work.answers(&free, 1.0 + LEAST));
             assert!(!work.answers(&free[1..], LEAST));
             let source: [f64; 2 * N] = std::array::from_fn(|_| random());
-            let (mut columns, mut scratch) = (source, [0.0; 2 * N]);
+            let (mut columns, mut scratch) = (source, [0.0; 4 * N]);
             work.answer(&mut columns, &mut dense, &mut scratch);
             for (column, source) in columns.chunks_exact(N).zip(source.chunks_exact(N)) {
                 for row in 0..N {

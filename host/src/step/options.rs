@@ -21,6 +21,9 @@ pub struct StepOptions {
     pub passes: Option<u32>,
     /// Whether nobody asks what tools with a shape may come to feel: their contacts have no rows, and no tangent while they are apart.
     pub without_tools: bool,
+    /// Of how many tools, the first, a tangent is asked for; of all if it is not said. In that of others what
+    /// rows answer is missing.
+    pub tangents: Option<usize>,
     /// So far around the tip of a needle outside surfaces are looked for \[m\], for
     /// [`NeedleReport::near`](crate::needle::NeedleReport::near); 0: they are not.
     pub tip_reach_m: f64,
@@ -36,6 +39,7 @@ impl StepOptions {
             reach_m: 0.0,
             passes: None,
             without_tools: false,
+            tangents: None,
             tip_reach_m: 0.0,
         }
     }

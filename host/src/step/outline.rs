@@ -317,7 +317,7 @@ impl Step<'_> {
             clock,
         );
         prefetch::near_tools(balance, options);
-        reduce(model, balance, samples, tangent);
+        reduce(model, balance, samples, options, tangent);
         if let Some(cones) = cones.as_mut().filter(|_| !options.without_tools) {
             reduce_tools(model, balance, samples, options, cones, rows);
         }

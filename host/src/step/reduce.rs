@@ -3,6 +3,7 @@
 //! Entry point: [`reduce`].
 
 use super::balance::Balance;
+use super::options::StepOptions;
 use super::report::ToolContact;
 use super::tangent::{Moves, TangentWork};
 use crate::model::Model;
@@ -72,21 +73,28 @@ impl Felt {
     }
 }
 
-/// One contact for each sample, and a report of each source.
+/// One contact for each sample, with a tangent as far as these are asked for, and a report of each source.
 pub(super) fn reduce(
     model: &Model,
     balance: &mut Balance,
     samples: &[ToolSample],
+    options: &StepOptions,
     tangent: &mut TangentWork,
 ) {
     balance.work.needles.ahead.clear();
     tangent.factor(balance);
+    let tangents = options.tangents.unwrap_or(samples.len());
     for (place, sample) in samples.iter().enumerate() {
         let mut felt = Felt::new(model, balance, sample);
         for source in balance.sources.each() {
             source.feel(balance, &mut felt);
         }
-        let derivative = felt.with_bodies(tool_tangent(balance, tangent, &felt));
+        let derivative = if place < tangents {
+            tool_tangent(balance, tangent, &felt)
+        } else {
+            Matrix6::zeros()
+        };
+        let derivative = felt.with_bodies(derivative);
         balance.report.contacts_mut(samples.len())[place] = felt.contact(&derivative);
     }
     for source in balance.sources.each() {

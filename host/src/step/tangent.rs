@@ -41,8 +41,11 @@ pub(crate) struct TangentWork {
     /// Of rows of threads at a bound, which answer what others do, not a motion.
     ties: Vec<Tie>,
     factor: Factor,
-    /// For answers of the last solve, (n x 6).
+    /// Rows that bear loads, and what they answer, (n x 6).
+    loaded: Vec<usize>,
     answers: Vec<f64>,
+    /// For answers of the last solve, (n x 12).
+    scratch: Vec<f64>,
 }
 
 /// What solves for changes of the rows' multipliers.
@@ -155,7 +158,9 @@ impl TangentWork {
             follow: Vec::with_capacity(most_rows),
             ties: Vec::with_capacity(2 * most_rows),
             factor: Factor::Lu,
+            loaded: Vec::with_capacity(6),
             answers: vec![0.0; 6 * most_rows],
+            scratch: vec![0.0; 12 * most_rows],
         }
     }
 
@@ -376,15 +381,7 @@ impl TangentWork {
         for change in self.change[..6 * n].chunks_exact_mut(n) {
             self.ties.iter().for_each(|tie| change[tie.row] = 0.0);
         }
-        let (matrix, change) = (&self.matrix[..n * n], &mut self.change[..6 * n]);
-        match self.factor {
-            Factor::Solved => {
-                let (dense, answers) = (&mut self.dense, &mut self.answers);
-                work.system.solved_rows().answer(change, dense, answers);
-            }
-            Factor::Cholesky => self.dense.solve(matrix, n, change, 6),
-            Factor::Lu => self.lu.solve(matrix, n, change, 6),
-        }
+        self.answer(work);
         let mut tangent = smooth.map_or_else(Matrix6::zeros, |smooth| {
             let [moved, forces] = [&self.jacobian, &self.change];
             smooth
@@ -395,6 +392,64 @@ impl TangentWork {
         self.add_points(balance, grip, &moves, &mut tangent);
         self.add_threads(work, pulls, &mut tangent);
         tangent
+    }
+
+    /// Takes loads of the rows by the six motions for what the rows answer. Where few rows bear any, as where a hand pulls a
+    /// thread, each of these answers a load of one, and the answers are added up.
+    fn answer(&mut self, work: &BalanceWork) {
+        let n = work.count();
+        let Self {
+            change,
+            answers,
+            loaded,
+            ..
+        } = self;
+        let change = &mut change[..6 * n];
+        loaded.clear();
+        let bears = |row: &usize| change.iter().skip(*row).step_by(n).any(|load| *load != 0.0);
+        loaded.extend((0..n).filter(bears).take(6));
+        let few = loaded.len();
+        if few == 0 {
+            return;
+        }
+        if few == 6 {
+            answers[..6 * n].copy_from_slice(change);
+            self.solve(work, 6);
+            self.change[..6 * n].copy_from_slice(&self.answers[..6 * n]);
+            return;
+        }
+        let loads = Matrix6::from_fn(|at, pose| match loaded.get(at) {
+            Some(row) => change[n * pose + row],
+            None => 0.0,
+        });
+        answers[..few * n].fill(0.0);
+        for (column, row) in loaded.iter().enumerate() {
+            answers[n * column + row] = 1.0;
+        }
+        self.solve(work, few);
+        self.change[..6 * n].fill(0.0);
+        for (change, loads) in self.change.chunks_exact_mut(n).zip(loads.column_iter()) {
+            let answers = self.answers[..few * n].chunks_exact(n);
+            for (answer, load) in answers.zip(&loads).filter(|(_, load)| **load != 0.0) {
+                for (change, answer) in change.iter_mut().zip(answer) {
+                    *change += load * answer;
+                }
+            }
+        }
+    }
+
+    /// Takes the first `columns` of loads in `answers` for the rows' answers.
+    fn solve(&mut self, work: &BalanceWork, columns: usize) {
+        let n = work.count();
+        let (matrix, answers) = (&self.matrix[..n * n], &mut self.answers[..columns * n]);
+        match self.factor {
+            Factor::Solved => {
+                let (dense, scratch) = (&mut self.dense, &mut self.scratch);
+                work.system.solved_rows().answer(answers, dense, scratch);
+            }
+            Factor::Cholesky => self.dense.solve(matrix, n, answers, columns),
+            Factor::Lu => self.lu.solve(matrix, n, answers, columns),
+        }
     }
 
     /// Right-hand sides of what needles that move do to their rows.

@@ -177,6 +177,8 @@ impl SceneSolver {
             return Self::sticking(scene, model, plan.rendering, plan.host_hz);
         }
         let mut solver = Self::new(scene)?;
+        // A frame carries that of the tool that the hand drives.
+        solver.options.tangents = Some(1);
         solver.get_ready(scene, plan);
         Ok(solver)
     }
