@@ -79,8 +79,8 @@ pub struct Hierarchy {
     faces: Vec<HalfFace>,
     /// Of each node of the tree.
     group: Vec<Option<u32>>,
-    /// Faces of each group, as the tree counts them.
-    groups: Vec<Vec<u32>>,
+    /// Nodes of each group's faces, ascending.
+    nodes: Vec<Vec<u32>>,
 }
 
 impl Hierarchy {
@@ -91,25 +91,24 @@ impl Hierarchy {
             around(mesh, &at, faces[face as usize])
         });
         let (group, groups) = tree.groups(GROUP_DEPTH);
+        let nodes_of = |group: Vec<u32>| {
+            let of_face = |face: u32| mesh.vertices(faces[face as usize]);
+            let mut nodes: Vec<u32> = group.into_iter().flat_map(of_face).collect();
+            nodes.sort_unstable();
+            nodes.dedup();
+            nodes
+        };
         Self {
+            nodes: groups.into_iter().map(nodes_of).collect(),
             tree,
             faces,
             group,
-            groups,
         }
     }
 
-    /// How many groups the faces fall into, at most [`MOST_GROUPS`].
-    pub fn groups(&self) -> usize {
-        self.groups.len()
-    }
-
-    /// Faces with the group of each.
-    pub fn grouped_faces(&self) -> impl Iterator<Item = (usize, HalfFace)> + '_ {
-        self.groups.iter().enumerate().flat_map(|(group, faces)| {
-            let faces = faces.iter().map(|face| self.faces[*face as usize]);
-            faces.map(move |face| (group, face))
-        })
+    /// Nodes of each group of faces, ascending; at most [`MOST_GROUPS`]. Faces of several may share a node.
+    pub fn groups(&self) -> &[Vec<u32>] {
+        &self.nodes
     }
 
     /// Calls `visit` for the faces whose boxes, and those around them, `meets` takes; says how many boxes it was asked about.
@@ -183,10 +182,14 @@ mod tests {
         let mesh = mesh.half_faces();
         let all = mesh.boundary().half_faces();
         let hierarchy = Hierarchy::new(mesh, moved);
-        // Every face is in one group.
-        let mut grouped: Vec<_> = hierarchy.grouped_faces().map(|(_, face)| face).collect();
-        grouped.sort_unstable();
-        assert!(hierarchy.groups() == MOST_GROUPS && grouped == all);
+        // Every face is in a group with all of its nodes.
+        let groups = hierarchy.groups();
+        let has = |group: &Vec<u32>, node| group.binary_search(&node).is_ok();
+        let in_one = |face: &HalfFace| {
+            let nodes = mesh.vertices(*face);
+            (groups.iter()).any(|group| nodes.into_iter().all(|node| has(group, node)))
+        };
+        assert!(groups.len() == MOST_GROUPS && all.iter().all(in_one));
         let (mut asked, mut visited) = (0, 0);
         for k in 0..200 {
             let point =

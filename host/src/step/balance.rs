@@ -387,25 +387,23 @@ impl<'a> Balance<'a> {
     pub fn slack<'s>(&self, out: &'s mut [f64; MOST_GROUPS]) -> &'s [f64] {
         let Sources {
             hierarchy,
-            mesh,
             resting,
             resting_m,
             ..
         } = self.sources;
-        let out = &mut out[..hierarchy.groups()];
+        let groups = hierarchy.groups();
+        let out = &mut out[..groups.len()];
         let BalanceWork { system, nodes, .. } = &*self.work;
         if nodes.at_solve == nodes.solves {
             // All are known: no bound is needed. Every needle asks, and more than once.
             let (solve, mut found) = nodes.slack.get();
             if solve != nodes.solves {
-                found.fill(0.0);
-                for (group, face) in hierarchy.grouped_faces() {
-                    for node in mesh.vertices(face).map(|node| node as usize) {
-                        let squared = (nodes.at[node] - resting_m[node]).norm_squared();
-                        found[group] = found[group].max(squared);
-                    }
+                let moved = |node: &u32| {
+                    (nodes.at[*node as usize] - resting_m[*node as usize]).norm_squared()
+                };
+                for (slack, nodes) in found.iter_mut().zip(groups) {
+                    *slack = nodes.iter().map(moved).fold(0.0, f64::max).sqrt();
                 }
-                found.iter_mut().for_each(|slack| *slack = slack.sqrt());
                 nodes.slack.set((nodes.solves, found));
             }
             out.copy_from_slice(&found[..out.len()]);

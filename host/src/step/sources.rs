@@ -190,10 +190,10 @@ impl Sources {
             return self;
         }
         let mut group_of = vec![0; self.mesh.nodes()];
-        for (group, face) in self.hierarchy.grouped_faces() {
-            for node in self.mesh.vertices(face) {
-                group_of[node as usize] = group as u32;
-            }
+        for (group, nodes) in (0..).zip(self.hierarchy.groups()) {
+            nodes
+                .iter()
+                .for_each(|node| group_of[*node as usize] = group);
         }
         let group = nodes.iter().map(|node| group_of[*node as usize]).collect();
         self.tools = TouchingTools::new(tools, least_m, nodes, at_rest, group);
@@ -474,18 +474,11 @@ impl SourcesWork {
     pub fn new(model: &Model, sources: &Sources) -> Self {
         let settings = sources.anchor_settings();
         let state = SourcesState::new(sources, model.motion.clone());
-        let mut groups = vec![Vec::new(); sources.hierarchy.groups()];
-        for (group, face) in sources.hierarchy.grouped_faces() {
-            groups[group].extend(sources.mesh.vertices(face));
-        }
-        for group in &mut groups {
-            group.sort_unstable();
-            group.dedup();
-        }
+        let groups = sources.hierarchy.groups();
         let (body, held) = (&model.body, &model.held);
         let reached = model.reached(sources);
         let system =
-            ConstraintSystem::grouped(body, &model.motion, held, &reached, settings, &groups);
+            ConstraintSystem::grouped(body, &model.motion, held, &reached, settings, groups);
         let most_rows = settings.most_rows + settings.most_spread;
         let kept = || {
             let mut kept = Box::new(Kept::new(sources, &state, Motion::default()));
