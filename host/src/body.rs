@@ -272,7 +272,7 @@ impl Body {
                 tissue: tissue.workspace(),
                 external: vec![0.0; tissue.unknowns()],
                 change: vec![0.0; tissue.unknowns()],
-                solve: tissue.scratch(1),
+                solve: tissue.scratch(),
                 energy_j: 0.0,
             })),
             Self::Hyperelastic { tissue, .. } => {
@@ -473,7 +473,7 @@ impl Body {
         }
         // Where no force has changed, nothing is displaced.
         if change.iter().any(|force| *force != 0.0) {
-            turning.state.factor().solve(change, 1, solve);
+            turning.state.factor().solve(change, solve);
         }
         // The elastic force goes from internal to external on the way: a trapezoid.
         let forces = external.iter().zip(tissue.internal_force());
@@ -544,7 +544,7 @@ impl Body {
                 u[first + axis] += force[axis];
             }
         }
-        self.view(motion).factor().solve(u, 1, scratch);
+        self.view(motion).factor().solve(u, scratch);
         for (u, predicted) in u.iter_mut().zip(self.predicted(work)) {
             *u += predicted;
         }

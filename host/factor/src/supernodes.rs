@@ -4,7 +4,7 @@
 //! to unit loads: its forward sweep follows only the path from their supernodes to the root of
 //! the elimination tree (Gilbert & Peierls 1988), its backward sweep leaves out what nobody reads. A
 //! solve streams the factor from memory once each way, so the right-hand sides share each load of an
-//! entry. Sums run in a fixed order with explicit fused multiply-adds: one set of bits on every
+//! entry, and what lies above the diagonal of a supernode's columns is left out of it ([`Supernodes::pack`]). Sums run in a fixed order with explicit fused multiply-adds: one set of bits on every
 //! processor, whatever else is solved beside it.
 
 use crate::Cholesky;
@@ -25,7 +25,8 @@ pub struct Supernodes {
     /// Where its rows below the diagonal block begin in `rows`, (s + 1).
     row_start: Vec<usize>,
     rows: Vec<u32>,
-    /// Where its dense columns begin among the factor's values, (s + 1).
+    /// Where its dense columns begin among the values of a factor, (s), and among those that are packed, (s + 1).
+    factor_start: Vec<usize>,
     value_start: Vec<usize>,
     /// The next supernode on the way to the root; the number of supernodes at a root, (s).
     parent: Vec<u32>,
@@ -74,6 +75,18 @@ impl Supernodes {
             rows.extend(pattern.iter().map(|&row| row as u32));
             row_start.push(rows.len());
         }
+        let mut value_start = vec![0];
+        for s in 0..count {
+            let width = (begin[s + 1] - begin[s]) as usize;
+            let height = width + row_start[s + 1] - row_start[s];
+            let start = value_start[s];
+            value_start.push(
+                start
+                    + quads(width)
+                        .map(|(j, some)| some * (height - j))
+                        .sum::<usize>(),
+            );
+        }
         let identity = || (0..n as u32).collect();
         let (at_place, place_of) = match symbolic.perm() {
             Some(perm) => {
@@ -91,7 +104,8 @@ impl Supernodes {
             begin,
             row_start,
             rows,
-            value_start: raw.col_ptr_for_val().to_vec(),
+            factor_start: raw.col_ptr_for_val()[..count].to_vec(),
+            value_start,
             parent,
             of_column,
             at_place,
@@ -102,6 +116,39 @@ impl Supernodes {
 
     fn count(&self) -> usize {
         self.parent.len()
+    }
+
+    /// Columns of the matrix.
+    pub fn unknowns(&self) -> usize {
+        self.at_place.len()
+    }
+
+    /// Values that a packed factor has.
+    pub fn entries(&self) -> usize {
+        self.value_start.last().copied().unwrap_or_default()
+    }
+
+    /// Brings the values of a factor to where solves read them, in place: of every few columns of a supernode the rows from the
+    /// first of these on, column by column. What is beyond [`Self::entries`] has no meaning any more.
+    pub fn pack(&self, values: &mut [f64]) {
+        for s in 0..self.count() {
+            let (width, height) = self.size(s);
+            let (start, mut to) = (self.factor_start[s], self.value_start[s]);
+            for (j, some) in quads(width) {
+                for column in j..j + some {
+                    // Never beyond where it comes from.
+                    let from = start + column * height;
+                    values.copy_within(from + j..from + height, to);
+                    to += height - j;
+                }
+            }
+        }
+    }
+
+    /// Columns and rows of a supernode.
+    fn size(&self, s: usize) -> (usize, usize) {
+        let width = (self.begin[s + 1] - self.begin[s]) as usize;
+        (width, width + self.row_start[s + 1] - self.row_start[s])
     }
 
     /// Buffers for K right-hand sides.
@@ -127,7 +174,7 @@ impl Supernodes {
         descending.filter(|s| needed[*s as usize]).collect()
     }
 
-    /// K^-1 times `rhs` (n), in place.
+    /// K^-1 times `rhs` (n), in place, with packed `values`.
     pub fn solve(&self, values: &[f64], rhs: &mut [f64], scratch: &mut SweepScratch<1>) {
         for (x, &column) in scratch.x.iter_mut().zip(&self.at_place) {
             *x = rhs[column as usize];
@@ -142,7 +189,7 @@ impl Supernodes {
         }
     }
 
-    /// Columns of K^-1 for groups of `unknowns`, one scratch each, of which only what `needed` covers
+    /// Columns of K^-1, with packed `values`, for groups of `unknowns`, one scratch each, of which only what `needed` covers
     /// can be read afterwards, with [`Self::read`]. Groups share the factor's way through the cache and
     /// nothing else: the bits of one do not depend on its company.
     pub fn solve_columns<const K: usize>(
@@ -198,22 +245,23 @@ impl Supernodes {
             t[..width].copy_from_slice(&scratch.x[k * n + first..k * n + first + width]);
             t[width..].fill(0.0);
         }
-        let mut j = 0;
-        while j < width {
-            let some = QUAD.min(width - j);
-            let columns = &values[j * height..(j + some) * height];
+        let mut values = values;
+        for (j, some) in quads(width) {
+            let tall = height - j;
+            let (columns, later) = values.split_at(some * tall);
+            values = later;
             let mut x = [[0.0; K]; QUAD];
             for c in 0..some {
                 for k in 0..K {
                     let mut value = scratch.t[k * most + j + c];
                     for (before, x) in x.iter().enumerate().take(c) {
-                        value = columns[before * height + j + c].mul_add(-x[k], value);
+                        value = columns[before * tall + c].mul_add(-x[k], value);
                     }
-                    x[c][k] = value / columns[c * height + j + c];
+                    x[c][k] = value / columns[c * tall + c];
                     scratch.t[k * most + j + c] = x[c][k];
                 }
             }
-            let rest = |c: usize| &columns[c * height + j + some..(c + 1) * height];
+            let rest = |c: usize| &columns[c * tall + some..(c + 1) * tall];
             let [ta, tb] = [j + some, height];
             let mut t = scratch.t.chunks_exact_mut(most);
             let t: [&mut [f64]; K] = std::array::from_fn(|_| match t.next() {
@@ -231,7 +279,6 @@ impl Supernodes {
                     }
                 }
             }
-            j += some;
         }
         for k in 0..K {
             let t = &scratch.t[k * most..k * most + height];
@@ -275,15 +322,12 @@ impl Supernodes {
                 *t = x[row as usize];
             }
         }
-        let mut end = width;
-        while end > 0 {
-            let some = match end % QUAD {
-                0 => QUAD,
-                odd => odd,
-            };
-            let j = end - some;
-            let columns = &values[j * height..end * height];
-            let rest = |c: usize| &columns[c * height + end..(c + 1) * height];
+        let mut values = values;
+        for (j, some) in quads(width).rev() {
+            let (tall, end) = (height - j, j + some);
+            let (earlier, columns) = values.split_at(values.len() - some * tall);
+            values = earlier;
+            let rest = |c: usize| &columns[c * tall + some..(c + 1) * tall];
             let t: [&[f64]; K] =
                 std::array::from_fn(|k| &scratch.t[k * most + end..k * most + height]);
             let mut sums = [[0.0; K]; QUAD];
@@ -299,12 +343,11 @@ impl Supernodes {
                     let t = &mut scratch.t[k * most + j..k * most + end];
                     let mut value = t[c] - sum;
                     for after in c + 1..some {
-                        value = columns[c * height + j + after].mul_add(-t[after], value);
+                        value = columns[c * tall + after].mul_add(-t[after], value);
                     }
-                    t[c] = value / columns[c * height + j + c];
+                    t[c] = value / columns[c * tall + c];
                 }
             }
-            end = j;
         }
         for k in 0..K {
             scratch.x[k * n + first..k * n + first + width]
@@ -314,16 +357,13 @@ impl Supernodes {
 
     #[inline(always)]
     fn block<'a>(&'a self, s: usize, values: &'a [f64]) -> Block<'a> {
-        let first = self.begin[s] as usize;
-        let width = self.begin[s + 1] as usize - first;
-        let rows = &self.rows[self.row_start[s]..self.row_start[s + 1]];
-        let height = width + rows.len();
+        let (width, height) = self.size(s);
         Block {
-            first,
+            first: self.begin[s] as usize,
             width,
             height,
-            rows,
-            values: &values[self.value_start[s]..self.value_start[s] + height * width],
+            rows: &self.rows[self.row_start[s]..self.row_start[s + 1]],
+            values: &values[self.value_start[s]..self.value_start[s + 1]],
         }
     }
 }
@@ -335,8 +375,14 @@ struct Block<'a> {
     height: usize,
     /// Rows below the diagonal block.
     rows: &'a [u32],
-    /// (height x width), column-major.
+    /// Packed, see [`Supernodes::pack`].
     values: &'a [f64],
+}
+
+/// First columns of a supernode that are taken together, and how many.
+fn quads(width: usize) -> impl DoubleEndedIterator<Item = (usize, usize)> + ExactSizeIterator {
+    let firsts = (0..width).step_by(QUAD);
+    firsts.map(move |j| (j, QUAD.min(width - j)))
 }
 
 /// `a b + c`, lane by lane. Where the processor has registers of so many lanes they are named: what a compiler makes of a loop over them
@@ -476,6 +522,91 @@ impl<const K: usize> WithSimd for Columns<'_, K> {
             for group in self.scratch.iter_mut() {
                 self.supernodes
                     .backward(simd, s as usize, self.values, group);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Lower;
+
+    const SIDE: usize = 17;
+    const N: usize = SIDE * SIDE;
+
+    /// Springs between neighbours on a grid, diagonals included, whose factor has supernodes of all widths: its lower triangle.
+    fn grid() -> (Vec<usize>, Vec<usize>, Vec<f64>) {
+        let (mut start, mut row, mut values) = (vec![0], Vec::new(), Vec::new());
+        for column in 0..N {
+            let (x, y) = (column % SIDE, column / SIDE);
+            let stiffness = |other: usize| 1.0 + ((column * 31 + other * 17) % 7) as f64;
+            row.push(column);
+            values.push(80.0);
+            let right = (x + 1 < SIDE).then_some(column + 1);
+            let down = (y + 1 < SIDE).then_some(column + SIDE);
+            let left = down.filter(|_| x > 0).map(|down| down - 1);
+            let across = right.and(down).map(|down| down + 1);
+            for other in [right, left, down, across].into_iter().flatten() {
+                row.push(other);
+                values.push(-stiffness(other));
+            }
+            start.push(row.len());
+        }
+        (start, row, values)
+    }
+
+    /// Our sweeps on packed values against faer's solve on its own, for all unknowns and for groups of them.
+    #[test]
+    fn sweeps_agree_with_faer() {
+        let (column_start, row, values) = grid();
+        let pattern = Lower {
+            column_start: &column_start,
+            row: &row,
+        };
+        let cholesky = Cholesky::analyse(pattern).expect("memory");
+        let mut factor = vec![0.0; cholesky.entries()];
+        let mut memory = cholesky.factor_scratch();
+        let factored = cholesky.factor(pattern, &values, &mut factor, &mut memory);
+        factored.expect("positive definite");
+        let mut expected = vec![0.0; N * N];
+        expected
+            .iter_mut()
+            .step_by(N + 1)
+            .for_each(|one| *one = 1.0);
+        cholesky.solve(&factor, &mut expected, &mut cholesky.solve_scratch(N));
+
+        let supernodes = Supernodes::new(&cholesky).expect("supernodes");
+        let widths: Vec<_> = (0..supernodes.count())
+            .map(|s| supernodes.size(s).0)
+            .collect();
+        let odd = |width: &usize| *width > QUAD && width % QUAD != 0;
+        assert!(widths.iter().any(odd) && supernodes.entries() < factor.len());
+        supernodes.pack(&mut factor);
+        factor.truncate(supernodes.entries());
+
+        let near = |found: f64, expected: f64| (found - expected).abs() < 1e-15;
+        let mut scratch = supernodes.scratch();
+        for (unknown, expected) in expected.chunks_exact(N).enumerate() {
+            let mut found = [0.0; N];
+            found[unknown] = 1.0;
+            supernodes.solve(&factor, &mut found, &mut scratch);
+            assert!(
+                found.iter().zip(expected).all(|(x, y)| near(*x, *y)),
+                "{unknown}"
+            );
+        }
+        let groups: Vec<[usize; 3]> = (0..5).map(|k| [50 * k, 50 * k + 1, 50 * k + 40]).collect();
+        let mut columns: Vec<_> = groups.iter().map(|_| supernodes.scratch()).collect();
+        let read = [0, 7, N / 3, N - 1];
+        let needed = supernodes.needed_for(read.into_iter());
+        supernodes.solve_columns(&factor, &groups, &needed, &mut columns);
+        for (group, scratch) in groups.iter().zip(&columns) {
+            for unknown in read {
+                let found = supernodes.read(scratch, unknown);
+                for (column, found) in group.iter().zip(found) {
+                    assert!(near(found, expected[column * N + unknown]));
+                }
             }
         }
     }

@@ -164,7 +164,7 @@ impl AnchorSolver {
         Ok(Self {
             reached: reached.to_vec(),
             u: vec![0.0; unknowns],
-            field: body.view(grasp.motion()).factor().scratch(1),
+            field: body.view(grasp.motion()).factor().scratch(),
             grasp,
             system,
             body,

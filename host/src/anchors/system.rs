@@ -305,7 +305,7 @@ impl ConstraintSystem {
             rows_work: rows::Workspace::new(most_rows),
             open: rows::State::new(most_rows),
             field: vec![0.0; body.numbering().unknowns()],
-            field_work: body.view(motion).factor().scratch(1),
+            field_work: body.view(motion).factor().scratch(),
             settings,
         }
     }

@@ -35,7 +35,7 @@ impl Scratch {
             tissue: tissue.workspace(),
             external: vec![0.0; tissue.unknowns()],
             change: vec![0.0; tissue.unknowns()],
-            solve: tissue.scratch(1),
+            solve: tissue.scratch(),
             before: Vec::new(),
         }
     }
@@ -88,7 +88,7 @@ impl Straining<'_> {
         }
         // Where no force has changed, nothing is displaced.
         if change.iter().any(|force| *force != 0.0) {
-            state.factor().solve(change, 1, solve);
+            state.factor().solve(change, solve);
         }
         let moved = self.tissue.accept(state, tissue, external, change);
         if moved == Moved::Not {

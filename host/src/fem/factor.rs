@@ -14,6 +14,7 @@ use sutura_models::memory::{self, Shortage};
 #[derive(Clone, Debug)]
 pub(crate) struct Factor {
     symbolic: Arc<Symbolic>,
+    /// Packed for sweeps.
     values: Vec<f64>,
 }
 
@@ -45,12 +46,8 @@ pub(crate) struct Need {
 /// Said of a mesh that is too large.
 const FACTOR: &str = "the factor of its stiffness";
 
-/// Memory for solves of up to a given number of right-hand sides.
-pub struct SolveScratch {
-    memory: Scratch,
-    columns: usize,
-    sweep: SweepScratch<1>,
-}
+/// Memory for solves.
+pub struct SolveScratch(SweepScratch<1>);
 
 /// Memory for the columns of one vertex, and what they are after a solve.
 pub(crate) type ColumnScratch = SweepScratch<3>;
@@ -95,6 +92,7 @@ impl Factor {
         symbolic
             .cholesky
             .factor(pattern.lower(), values, &mut values_of_factor, &mut memory)?;
+        symbolic.supernodes.pack(&mut values_of_factor);
         Ok(Self {
             values: values_of_factor,
             symbolic: Arc::new(symbolic),
@@ -126,7 +124,7 @@ impl Factor {
         let mut u: Vec<f64> = (0..pattern.unknowns)
             .map(|index| (index as f64).sin())
             .collect();
-        factor.solve(&mut u, 1, &mut factor.scratch(1));
+        factor.solve(&mut u, &mut factor.scratch());
         let largest = |values: &[f64]| values.iter().fold(0.0f64, |most, x| most.max(x.abs()));
         let sound = u.iter().all(|u| u.is_finite())
             && largest(&u) * largest(stiffness) < 1e12 * pattern.unknowns as f64;
@@ -152,35 +150,26 @@ impl Factor {
             memory,
             values: next,
         } = scratch;
-        let cholesky = &self.symbolic.cholesky;
-        cholesky.factor(pattern.lower(), values, next, memory)?;
-        std::mem::swap(&mut self.values, &mut scratch.values);
-        Ok(())
-    }
-
-    pub fn scratch(&self, columns: usize) -> SolveScratch {
-        SolveScratch {
-            memory: self.symbolic.cholesky.solve_scratch(columns),
-            columns,
-            sweep: self.symbolic.supernodes.scratch(),
-        }
-    }
-
-    /// Solves for `columns` right-hand sides in place, (columns x unknowns), one after the other in
-    /// memory. Allocates only if the scratch was made for fewer.
-    pub fn solve(&self, rhs: &mut [f64], columns: usize, scratch: &mut SolveScratch) {
         let Symbolic {
             cholesky,
             supernodes,
         } = &*self.symbolic;
-        if columns == 1 {
-            supernodes.solve(&self.values, rhs, &mut scratch.sweep);
-            return;
+        cholesky.factor(pattern.lower(), values, next, memory)?;
+        supernodes.pack(next);
+        std::mem::swap(&mut self.values, &mut scratch.values);
+        Ok(())
+    }
+
+    pub fn scratch(&self) -> SolveScratch {
+        SolveScratch(self.symbolic.supernodes.scratch())
+    }
+
+    /// Solves in place for right-hand sides one after the other in memory, (columns x unknowns).
+    pub fn solve(&self, rhs: &mut [f64], scratch: &mut SolveScratch) {
+        let Symbolic { supernodes, .. } = &*self.symbolic;
+        for rhs in rhs.chunks_exact_mut(supernodes.unknowns().max(1)) {
+            supernodes.solve(&self.values, rhs, &mut scratch.0);
         }
-        if columns > scratch.columns {
-            *scratch = self.scratch(columns);
-        }
-        cholesky.solve(&self.values, rhs, &mut scratch.memory);
     }
 
     /// What [`Self::solve_columns`] must visit so that these `unknowns` can be read afterwards.
@@ -283,51 +272,6 @@ mod tests {
         };
         let bottom: Vec<u32> = (0..42).collect();
         LinearTissue::new(&mesh, soft, &bottom).expect("tissue")
-    }
-
-    fn unit(n: usize, unknown: usize) -> Vec<f64> {
-        let mut e = vec![0.0; n];
-        e[unknown] = 1.0;
-        e
-    }
-
-    /// Our sweeps against faer's solve for many right-hand sides.
-    #[test]
-    fn sweeps_agree_with_faer() {
-        let tissue = tissue();
-        let factor = tissue.factor();
-        let n = tissue.unknowns();
-        let asked = [0, 1, 2, n / 2, n / 2 + 1, n / 2 + 2, n - 3, n - 2, n - 1];
-        let mut expected: Vec<f64> = asked.iter().flat_map(|u| unit(n, *u)).collect();
-        factor.solve(&mut expected, asked.len(), &mut factor.scratch(asked.len()));
-
-        let scale = expected.iter().fold(0.0f64, |most, x| most.max(x.abs()));
-        let mut scratch = factor.scratch(1);
-        for (unknown, expected) in asked.iter().zip(expected.chunks_exact(n)) {
-            let mut found = unit(n, *unknown);
-            factor.solve(&mut found, 1, &mut scratch);
-            for (found, expected) in found.iter().zip(expected) {
-                assert!((found - expected).abs() < 1e-13 * scale);
-            }
-        }
-        let groups = [
-            [0, 1, 2],
-            [asked[3], asked[4], asked[5]],
-            [n - 3, n - 2, n - 1],
-        ];
-        let mut columns: Vec<_> = (0..3).map(|_| factor.column_scratch()).collect();
-        let read = [0, 7, n / 3, n - 1];
-        let needed = factor.needed_for(read.into_iter());
-        factor.solve_columns(&groups, &needed, &mut columns);
-        for (group, scratch) in columns.iter().enumerate() {
-            for unknown in read {
-                let found = factor.read_column(scratch, unknown);
-                for (k, found) in found.iter().enumerate() {
-                    let expected = expected[(3 * group + k) * n + unknown];
-                    assert!((found - expected).abs() < 1e-13 * scale);
-                }
-            }
-        }
     }
 
     /// Alone, in company, read in few places or everywhere: the same bits.

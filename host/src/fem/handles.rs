@@ -75,8 +75,7 @@ impl HeldPoints {
             }
         }
         if rows > 0 {
-            let mut scratch = factor.scratch(rows);
-            factor.solve(&mut y, rows, &mut scratch);
+            factor.solve(&mut y, &mut factor.scratch());
         }
         let mut held = Self {
             anchors,

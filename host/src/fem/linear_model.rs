@@ -67,7 +67,7 @@ impl LinearModel {
             held: Held::none(nodes),
             masked: vec![0.0; stiffness.len()],
             refactor: factor.refactor_scratch(),
-            solve: factor.scratch(1),
+            solve: factor.scratch(),
             u: vec![0.0; 3 * nodes],
             internal: vec![0.0; 3 * nodes],
             rhs: vec![0.0; 3 * nodes],
@@ -121,7 +121,7 @@ impl LinearModel {
             *carried = forces.get(index).unwrap_or(&0.0) - *carried;
         }
         self.held.clear(&mut self.rhs);
-        self.factor.solve(&mut self.rhs, 1, &mut self.solve);
+        self.factor.solve(&mut self.rhs, &mut self.solve);
         for (u, found) in self.next.iter_mut().zip(&self.rhs) {
             *u += found;
         }
@@ -209,7 +209,7 @@ pub(super) fn keeps(
     for (index, value) in work.iter_mut().enumerate() {
         *value = (index as f64).sin();
     }
-    factor.solve(work, 1, scratch);
+    factor.solve(work, scratch);
     work.iter().all(|u| u.is_finite())
         && largest(work) * largest(stiffness) < 1e12 * work.len() as f64
 }

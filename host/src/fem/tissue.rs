@@ -5,7 +5,7 @@
 use super::assembly::{self, assemble};
 use super::element::Element;
 use super::error::TissueError;
-use super::factor::{Factor, Need, SolveScratch};
+use super::factor::{Factor, Need};
 use super::handles::{Factored, HeldPoints};
 use super::loads::{Equilibrium, Loads};
 use super::numbering::Numbering;
@@ -145,8 +145,8 @@ impl LinearTissue {
                 }
             }
         }
-        let mut scratch = self.scratch(1);
-        self.solve_unknowns(&mut u, 1, &mut scratch);
+        let mut scratch = self.factor.scratch();
+        self.factor.solve(&mut u, &mut scratch);
 
         let mut lambda = loads.handle_targets(&displacement_m)?;
         if !held.is_empty() {
@@ -209,21 +209,6 @@ impl LinearTissue {
     /// A node's value in a vector of unknowns; zero for a fixed node.
     pub(crate) fn at_node(&self, u: &[f64], node: u32) -> [f64; 3] {
         self.numbering.at_node(u, node)
-    }
-
-    /// Memory for [`Self::solve_unknowns`] with up to `columns` right-hand sides.
-    pub(crate) fn scratch(&self, columns: usize) -> SolveScratch {
-        self.factor.scratch(columns)
-    }
-
-    /// K^-1 on `columns` vectors of unknowns, one after the other in memory, in place.
-    pub(crate) fn solve_unknowns(
-        &self,
-        rhs: &mut [f64],
-        columns: usize,
-        scratch: &mut SolveScratch,
-    ) {
-        self.factor.solve(rhs, columns, scratch);
     }
 }
 

@@ -204,9 +204,7 @@ impl Search<'_> {
                 self.move_fixed(share, &mut du);
             }
             let out_of_balance = du.clone();
-            self.state
-                .factor
-                .solve(&mut du, 1, &mut self.workspace.solve);
+            self.state.factor.solve(&mut du, &mut self.workspace.solve);
             self.hold(share, &mut du)?;
             // The first step moves handles and fixed nodes; the energy may rise.
             if step == 0 {

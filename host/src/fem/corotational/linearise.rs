@@ -415,7 +415,7 @@ pub(in super::super) fn fingerprint(values: &[f64]) -> u64 {
 fn precondition(state: &CorotationalState, workspace: &mut CorotationalWorkspace) {
     let z = &mut workspace.preconditioned;
     z.copy_from_slice(&workspace.residual);
-    state.factor.solve(z, 1, &mut workspace.solve);
+    state.factor.solve(z, &mut workspace.solve);
 }
 
 pub(in super::super) fn dot(a: &[f64], b: &[f64]) -> f64 {

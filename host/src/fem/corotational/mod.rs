@@ -257,21 +257,9 @@ impl CorotationalTissue {
         self.stiffness_ratio
     }
 
-    /// Memory for [`Self::solve_unknowns`] with up to `columns` right-hand sides.
-    pub fn scratch(&self, columns: usize) -> SolveScratch {
-        self.rest_factor.scratch(columns)
-    }
-
-    /// K^-1 on `columns` vectors of unknowns, one after the other in memory, in place, with the
-    /// factor that the state has.
-    pub fn solve_unknowns(
-        &self,
-        state: &CorotationalState,
-        rhs: &mut [f64],
-        columns: usize,
-        scratch: &mut SolveScratch,
-    ) {
-        state.factor.solve(rhs, columns, scratch);
+    /// Memory for solves with the factor.
+    pub(crate) fn scratch(&self) -> SolveScratch {
+        self.rest_factor.scratch()
     }
 }
 

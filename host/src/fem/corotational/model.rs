@@ -152,7 +152,7 @@ impl CorotationalModel {
         let precondition = |model: &mut Self| {
             let z = &mut model.workspace.preconditioned;
             z.copy_from_slice(&model.workspace.residual);
-            model.state.factor.solve(z, 1, &mut model.workspace.solve);
+            model.state.factor.solve(z, &mut model.workspace.solve);
         };
         precondition(self);
         if iterations == 0 {

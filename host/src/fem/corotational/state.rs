@@ -194,7 +194,7 @@ impl CorotationalWorkspace {
             predicted: vec![0.0; unknowns],
             stiffness: vec![0.0; tissue.pattern.entries()],
             refactor: tissue.rest_factor.refactor_scratch(),
-            solve: tissue.rest_factor.scratch(1),
+            solve: tissue.rest_factor.scratch(),
             residual: vec![0.0; unknowns],
             preconditioned: vec![0.0; unknowns],
             direction: vec![[0.0; 3]; nodes],

@@ -294,5 +294,5 @@ fn change_since_refactor(state: &HyperelasticState, workspace: &HyperelasticWork
 fn precondition(state: &HyperelasticState, workspace: &mut HyperelasticWorkspace) {
     let z = &mut workspace.preconditioned;
     z.copy_from_slice(&workspace.residual);
-    state.factor.solve(z, 1, &mut workspace.solve);
+    state.factor.solve(z, &mut workspace.solve);
 }

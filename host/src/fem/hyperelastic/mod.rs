@@ -185,8 +185,8 @@ impl HyperelasticTissue {
     }
 
     /// Memory for solves with the factor.
-    pub(crate) fn scratch(&self, columns: usize) -> SolveScratch {
-        self.rest_factor.scratch(columns)
+    pub(crate) fn scratch(&self) -> SolveScratch {
+        self.rest_factor.scratch()
     }
 
     /// Cauchy stress of each cell \[Pa\], (m x 3 x 3), for a displacement of every node \[m\].

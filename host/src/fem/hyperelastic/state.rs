@@ -155,7 +155,7 @@ impl HyperelasticWorkspace {
             whole: vec![0.0; tissue.elasticity.triangle().1.len()],
             stiffness: vec![0.0; tissue.pattern.entries()],
             refactor: tissue.rest_factor.refactor_scratch(),
-            solve: tissue.rest_factor.scratch(1),
+            solve: tissue.rest_factor.scratch(),
         }
     }
 

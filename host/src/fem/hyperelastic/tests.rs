@@ -125,7 +125,7 @@ fn what_is_pressed_at_one_end_is_as_soft_as_before_at_the_other() {
                 z[2] = f64::from(height > 0.079) - f64::from((height - 0.04).abs() < 1e-9);
             }
             let force = z.clone();
-            state.factor.solve(&mut z, 1, &mut work.solve);
+            state.factor.solve(&mut z, &mut work.solve);
             (state.tangent, dot(&z, &force))
         };
         let (kind, free) = answer(0.0);
