@@ -7,15 +7,18 @@
 //! entry, and what lies above the diagonal of a supernode's columns is left out of it ([`Supernodes::pack`]). Sums run in a fixed order with explicit fused multiply-adds: one set of bits on every
 //! processor, whatever else is solved beside it.
 
-use crate::Cholesky;
+use crate::{Cholesky, fetch};
 use faer::sparse::linalg::cholesky::SymbolicCholeskyRaw;
 use pulp::bytemuck::cast;
 use pulp::{Arch, Simd, WithSimd};
+use std::ops::Range;
 
 /// Partial sums of a dot product that run side by side.
 const LANES: usize = 4;
 /// Columns of a supernode taken together, so that a loaded value serves more than one of them.
 const QUAD: usize = 4;
+/// Values of a factor that are fetched from memory before their turn: what a sweep takes as long for as memory does to answer.
+const AHEAD: usize = 2048;
 
 /// Where each supernode's rows and values lie, and which column of the matrix is which.
 #[derive(Debug)]
@@ -236,8 +239,8 @@ impl Supernodes {
             width,
             height,
             rows,
-            values,
-        } = self.block(s, values);
+            values: place,
+        } = self.block(s);
         let n = self.at_place.len();
         let most = self.most_height;
         for k in 0..K {
@@ -245,11 +248,13 @@ impl Supernodes {
             t[..width].copy_from_slice(&scratch.x[k * n + first..k * n + first + width]);
             t[width..].fill(0.0);
         }
-        let mut values = values;
+        let mut end = place.start;
         for (j, some) in quads(width) {
             let tall = height - j;
-            let (columns, later) = values.split_at(some * tall);
-            values = later;
+            let start = end;
+            end += some * tall;
+            fetch(part(values, start + AHEAD..end + AHEAD));
+            let columns = &values[start..end];
             let mut x = [[0.0; K]; QUAD];
             for c in 0..some {
                 for k in 0..K {
@@ -310,8 +315,8 @@ impl Supernodes {
             width,
             height,
             rows,
-            values,
-        } = self.block(s, values);
+            values: place,
+        } = self.block(s);
         let n = self.at_place.len();
         let most = self.most_height;
         for k in 0..K {
@@ -322,11 +327,13 @@ impl Supernodes {
                 *t = x[row as usize];
             }
         }
-        let mut values = values;
+        let mut start = place.end;
         for (j, some) in quads(width).rev() {
             let (tall, end) = (height - j, j + some);
-            let (earlier, columns) = values.split_at(values.len() - some * tall);
-            values = earlier;
+            let columns = &values[start - some * tall..start];
+            start -= some * tall;
+            let before = start.saturating_sub(AHEAD);
+            fetch(&values[before.saturating_sub(columns.len())..before]);
             let rest = |c: usize| &columns[c * tall + some..(c + 1) * tall];
             let t: [&[f64]; K] =
                 std::array::from_fn(|k| &scratch.t[k * most + end..k * most + height]);
@@ -356,14 +363,14 @@ impl Supernodes {
     }
 
     #[inline(always)]
-    fn block<'a>(&'a self, s: usize, values: &'a [f64]) -> Block<'a> {
+    fn block(&self, s: usize) -> Block<'_> {
         let (width, height) = self.size(s);
         Block {
             first: self.begin[s] as usize,
             width,
             height,
             rows: &self.rows[self.row_start[s]..self.row_start[s + 1]],
-            values: &values[self.value_start[s]..self.value_start[s + 1]],
+            values: self.value_start[s]..self.value_start[s + 1],
         }
     }
 }
@@ -375,8 +382,14 @@ struct Block<'a> {
     height: usize,
     /// Rows below the diagonal block.
     rows: &'a [u32],
-    /// Packed, see [`Supernodes::pack`].
-    values: &'a [f64],
+    /// Among the packed, see [`Supernodes::pack`].
+    values: Range<usize>,
+}
+
+/// What there is of a range.
+fn part(values: &[f64], range: Range<usize>) -> &[f64] {
+    let last = values.len();
+    &values[range.start.min(last)..range.end.min(last)]
 }
 
 /// First columns of a supernode that are taken together, and how many.

@@ -8,6 +8,7 @@ use crate::columns::Columns;
 use nalgebra::{Matrix3, Vector3};
 use pulp::{Arch, Simd, WithSimd};
 use serde::Serialize;
+use sutura_factor::fetch_line;
 
 /// Most vertices of an anchor: a way between two points of cells has eight.
 const MOST_VERTICES: usize = 8;
@@ -328,6 +329,21 @@ struct Blocks<'a> {
 }
 
 impl<'a> Blocks<'a> {
+    /// Asks for what [`Self::moved`] will read, of those up to an anchor.
+    #[inline(always)]
+    fn fetch(self, anchor: usize, until: usize) {
+        let Some(slot) = self.slots.get(anchor) else {
+            return;
+        };
+        let first = *slot as usize * self.stride;
+        let blocks = &self.numbers[first..first + self.stride];
+        for slot in &self.slots[..until] {
+            let first = BLOCK * *slot as usize;
+            fetch_line(&blocks[first]);
+            fetch_line(&blocks[first + BLOCK - 1]);
+        }
+    }
+
     /// What a force on an anchor moves each by, in their order, and a fourth number of no meaning.
     #[inline(always)]
     fn moved(self, anchor: usize, force: [f64; 3]) -> impl Iterator<Item = [f64; LANES]> + 'a {
@@ -378,6 +394,9 @@ impl Projection<'_> {
         let n = self.rows();
         for (column, &(anchor, [x, y, z, _])) in self.directions.iter().enumerate() {
             let anchor = anchor as usize;
+            if column == self.first_row[anchor] as usize {
+                self.blocks.fetch(anchor + 1, anchor + 1);
+            }
             let all = self.blocks.moved(anchor, [x, y, z]);
             for (moved, now) in self.moved[..=anchor].iter_mut().zip(all) {
                 *moved = now;

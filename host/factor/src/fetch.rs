@@ -1,0 +1,23 @@
+//! Memory that will be read soon is asked for before it is.
+
+/// Values in two lines of a cache: who asks for one gets its neighbour, too.
+const LINE: usize = 16;
+
+/// Asks for the lines of memory that `values` lie in, without waiting for them: what is not in a cache any more, as after a while
+/// in which the processor did other things, costs its bandwidth then instead of its latency. Changes nothing else; does nothing
+/// where a processor has no such instruction.
+#[inline(always)]
+pub fn fetch(values: &[f64]) {
+    for line in values.chunks(LINE) {
+        fetch_line(&line[0]);
+    }
+}
+
+/// As [`fetch`], of the line that a value lies in.
+#[inline(always)]
+pub fn fetch_line(value: &f64) {
+    #[cfg(target_arch = "x86_64")]
+    safe_arch::prefetch_t0(value);
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = value;
+}
