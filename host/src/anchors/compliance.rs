@@ -332,10 +332,7 @@ impl<'a> Blocks<'a> {
     /// Asks for what [`Self::moved`] will read, of those up to an anchor.
     #[inline(always)]
     fn fetch(self, anchor: usize, until: usize) {
-        let Some(slot) = self.slots.get(anchor) else {
-            return;
-        };
-        let first = *slot as usize * self.stride;
+        let first = self.slots[anchor] as usize * self.stride;
         let blocks = &self.numbers[first..first + self.stride];
         for slot in &self.slots[..until] {
             let first = BLOCK * *slot as usize;
@@ -394,7 +391,7 @@ impl Projection<'_> {
         let n = self.rows();
         for (column, &(anchor, [x, y, z, _])) in self.directions.iter().enumerate() {
             let anchor = anchor as usize;
-            if column == self.first_row[anchor] as usize {
+            if column == self.first_row[anchor] as usize && anchor + 1 < self.moved.len() {
                 self.blocks.fetch(anchor + 1, anchor + 1);
             }
             let all = self.blocks.moved(anchor, [x, y, z]);
@@ -421,7 +418,11 @@ impl Projection<'_> {
                 known = &[];
                 self.moved.fill([0.0; LANES]);
             }
-            for (anchor, change) in changes(known, terms) {
+            let mut changes = changes(known, terms).peekable();
+            while let Some((anchor, change)) = changes.next() {
+                if let Some((next, _)) = changes.peek() {
+                    self.blocks.fetch(*next as usize, self.moved.len());
+                }
                 let all = self.blocks.moved(anchor as usize, change.into());
                 for (moved, more) in self.moved.iter_mut().zip(all) {
                     *moved = std::array::from_fn(|lane| moved[lane] + more[lane]);
