@@ -239,6 +239,7 @@ fn short(bytes: usize) -> NotFactored {
 mod tests {
     use crate::fem::{Factored, LinearTissue, Material, Materials, TissueError};
     use crate::mesh::slab;
+    use sutura_factor::{Cholesky, Lower, Supernodes};
 
     /// What is needed beside the factor counts before anything of it is computed.
     #[test]
@@ -272,6 +273,80 @@ mod tests {
         };
         let bottom: Vec<u32> = (0..42).collect();
         LinearTissue::new(&mesh, soft, &bottom).expect("tissue")
+    }
+
+    const SIDE: usize = 17;
+    const N: usize = SIDE * SIDE;
+
+    /// Springs between neighbours on a grid, diagonals included, whose factor has supernodes of one to some twenty columns: its
+    /// lower triangle.
+    fn grid() -> (Vec<usize>, Vec<usize>, Vec<f64>) {
+        let (mut start, mut row, mut values) = (vec![0], Vec::new(), Vec::new());
+        for column in 0..N {
+            let (x, y) = (column % SIDE, column / SIDE);
+            let stiffness = |other: usize| 1.0 + ((column * 31 + other * 17) % 7) as f64;
+            row.push(column);
+            values.push(80.0);
+            let right = (x + 1 < SIDE).then_some(column + 1);
+            let down = (y + 1 < SIDE).then_some(column + SIDE);
+            let left = down.filter(|_| x > 0).map(|down| down - 1);
+            let across = right.and(down).map(|down| down + 1);
+            for other in [right, left, down, across].into_iter().flatten() {
+                row.push(other);
+                values.push(-stiffness(other));
+            }
+            start.push(row.len());
+        }
+        (start, row, values)
+    }
+
+    /// Our sweeps on packed values against faer's solve on its own, for all unknowns and for groups of them.
+    #[test]
+    fn sweeps_agree_with_faer() {
+        let (column_start, row, values) = grid();
+        let pattern = Lower {
+            column_start: &column_start,
+            row: &row,
+        };
+        let cholesky = Cholesky::analyse(pattern).expect("memory");
+        let mut factor = vec![0.0; cholesky.entries()];
+        let mut memory = cholesky.factor_scratch();
+        let factored = cholesky.factor(pattern, &values, &mut factor, &mut memory);
+        factored.expect("positive definite");
+        let mut expected = vec![0.0; N * N];
+        expected
+            .iter_mut()
+            .step_by(N + 1)
+            .for_each(|one| *one = 1.0);
+        cholesky.solve(&factor, &mut expected, &mut cholesky.solve_scratch(N));
+
+        let supernodes = Supernodes::new(&cholesky).expect("supernodes");
+        assert!(supernodes.entries() < factor.len(), "nothing is left out");
+        supernodes.pack(&mut factor);
+        factor.truncate(supernodes.entries());
+
+        let near = |found: f64, expected: f64| (found - expected).abs() < 1e-15;
+        let mut scratch = supernodes.scratch();
+        for (unknown, expected) in expected.chunks_exact(N).enumerate() {
+            let mut found = [0.0; N];
+            found[unknown] = 1.0;
+            supernodes.solve(&factor, &mut found, &mut scratch);
+            let agrees = found.iter().zip(expected).all(|(x, y)| near(*x, *y));
+            assert!(agrees, "{unknown}");
+        }
+        let groups: Vec<[usize; 3]> = (0..5).map(|k| [50 * k, 50 * k + 1, 50 * k + 40]).collect();
+        let mut columns: Vec<_> = groups.iter().map(|_| supernodes.scratch()).collect();
+        let read = [0, 7, N / 3, N - 1];
+        let needed = supernodes.needed_for(read.into_iter());
+        supernodes.solve_columns(&factor, &groups, &needed, &mut columns);
+        for (group, scratch) in groups.iter().zip(&columns) {
+            for unknown in read {
+                let found = supernodes.read(scratch, unknown);
+                for (column, found) in group.iter().zip(found) {
+                    assert!(near(found, expected[column * N + unknown]));
+                }
+            }
+        }
     }
 
     /// Alone, in company, read in few places or everywhere: the same bits.

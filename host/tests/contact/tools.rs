@@ -41,6 +41,41 @@ fn two_tools_feel_each_other_through_the_tissue() {
     assert!((alone - force(&contact(&fresh))).norm() < 1e-9 * alone.norm());
 }
 
+/// What is felt is the same, and so are the tangents that are asked for.
+#[test]
+fn tangents_of_tools_that_nobody_asks_for_are_left_out() {
+    let (mesh, bottom) = slab_mesh();
+    let tool = ball([0.0; 3]);
+    let tools = [(0, tool.clone()), (5, tool)];
+    let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &tools);
+    let left = at(-0.018, 0.0, RADIUS - 0.005);
+    let right = ToolSample {
+        id: 5,
+        ..at(0.018, 0.0, RADIUS - 0.005)
+    };
+    let mut feel = |tangents: Option<usize>| {
+        bench.options.tangents = tangents;
+        let mut state = State::new(&bench.model);
+        let report = bench.follow(&mut state, &[right, left]);
+        assert_eq!(report.status, Status::Ok);
+        [report.contacts()[0], report.contacts()[1]]
+    };
+    let [first, second] = feel(None);
+    for asked in 0..3 {
+        let felt = feel(Some(asked));
+        for (place, (felt, whole)) in felt.iter().zip([first, second]).enumerate() {
+            assert!(force(&whole).norm() > 0.1 && whole.tangent[2][2] < -1.0);
+            assert_eq!((felt.wrench, felt.rows), (whole.wrench, whole.rows));
+            let expected = if place < asked {
+                whole.tangent
+            } else {
+                Default::default()
+            };
+            assert_eq!(felt.tangent, expected);
+        }
+    }
+}
+
 /// Eight, side by side, are in balance in whatever order they come.
 #[test]
 fn eight_tools_press_at_once() {
