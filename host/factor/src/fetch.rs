@@ -8,9 +8,7 @@ const LINE: usize = 16;
 /// where a processor has no such instruction.
 #[inline(always)]
 pub fn fetch(values: &[f64]) {
-    for line in values.chunks(LINE) {
-        fetch_line(&line[0]);
-    }
+    values.iter().step_by(LINE).for_each(fetch_line);
 }
 
 /// As [`fetch`], of the line that a value lies in.

@@ -225,7 +225,7 @@ impl Supernodes {
         std::array::from_fn(|k| scratch.x[k * self.at_place.len() + place])
     }
 
-    /// Eliminates the columns of one supernode from those after it.
+    /// Eliminates the columns of one supernode from those after it; whether it asks memory for what comes next.
     #[inline(always)]
     fn forward<S: Simd, const K: usize>(
         &self,
@@ -233,6 +233,7 @@ impl Supernodes {
         s: usize,
         values: &[f64],
         scratch: &mut SweepScratch<K>,
+        fetches: bool,
     ) {
         let Block {
             first,
@@ -253,7 +254,9 @@ impl Supernodes {
             let tall = height - j;
             let start = end;
             end += some * tall;
-            fetch(part(values, start + AHEAD..end + AHEAD));
+            if fetches {
+                fetch(part(values, start + AHEAD..end + AHEAD));
+            }
             let columns = &values[start..end];
             let mut x = [[0.0; K]; QUAD];
             for c in 0..some {
@@ -301,7 +304,7 @@ impl Supernodes {
         x[own].iter().any(|x| *x != 0.0)
     }
 
-    /// Solves for the columns of one supernode, those after it being known.
+    /// Solves for the columns of one supernode, those after it being known; whether it asks memory for what comes next.
     #[inline(always)]
     fn backward<S: Simd, const K: usize>(
         &self,
@@ -309,6 +312,7 @@ impl Supernodes {
         s: usize,
         values: &[f64],
         scratch: &mut SweepScratch<K>,
+        fetches: bool,
     ) {
         let Block {
             first,
@@ -332,8 +336,10 @@ impl Supernodes {
             let (tall, end) = (height - j, j + some);
             let columns = &values[start - some * tall..start];
             start -= some * tall;
-            let before = start.saturating_sub(AHEAD);
-            fetch(&values[before.saturating_sub(columns.len())..before]);
+            if fetches {
+                let before = start.saturating_sub(AHEAD);
+                fetch(&values[before.saturating_sub(columns.len())..before]);
+            }
             let rest = |c: usize| &columns[c * tall + some..(c + 1) * tall];
             let t: [&[f64]; K] =
                 std::array::from_fn(|k| &scratch.t[k * most + end..k * most + height]);
@@ -486,11 +492,13 @@ impl WithSimd for Field<'_> {
         for s in 0..self.supernodes.count() {
             // Forces act at few nodes: what is below no supernode of theirs stays 0.
             if self.supernodes.acts_on(s, &self.scratch.x) {
-                self.supernodes.forward(simd, s, self.values, self.scratch);
+                self.supernodes
+                    .forward(simd, s, self.values, self.scratch, true);
             }
         }
         for s in (0..self.supernodes.count()).rev() {
-            self.supernodes.backward(simd, s, self.values, self.scratch);
+            self.supernodes
+                .backward(simd, s, self.values, self.scratch, true);
         }
     }
 }
@@ -519,10 +527,13 @@ impl<const K: usize> WithSimd for Columns<'_, K> {
             if s == count {
                 break;
             }
+            // What one group has asked for serves the others.
+            let mut fetches = true;
             for group in self.scratch.iter_mut() {
                 if group.heads.contains(&s) {
                     self.supernodes
-                        .forward(simd, s as usize, self.values, group);
+                        .forward(simd, s as usize, self.values, group, fetches);
+                    fetches = false;
                     for head in &mut group.heads {
                         if *head == s {
                             *head = self.supernodes.parent[s as usize];
@@ -532,9 +543,9 @@ impl<const K: usize> WithSimd for Columns<'_, K> {
             }
         }
         for &s in self.needed {
-            for group in self.scratch.iter_mut() {
+            for (place, group) in self.scratch.iter_mut().enumerate() {
                 self.supernodes
-                    .backward(simd, s as usize, self.values, group);
+                    .backward(simd, s as usize, self.values, group, place == 0);
             }
         }
     }
