@@ -4,8 +4,9 @@
 //! to unit loads: its forward sweep follows only the path from their supernodes to the root of
 //! the elimination tree (Gilbert & Peierls 1988), its backward sweep leaves out what nobody reads. A
 //! solve streams the factor from memory once each way, so the right-hand sides share each load of an
-//! entry, and what lies above the diagonal of a supernode's columns is left out of it ([`Supernodes::pack`]). Sums run in a fixed order with explicit fused multiply-adds: one set of bits on every
-//! processor, whatever else is solved beside it.
+//! entry, and what lies above the diagonal of a supernode's columns is left out of it ([`Supernodes::pack`]).
+//! Sums run in a fixed order with explicit fused multiply-adds: one set of bits on every processor, whatever
+//! else is solved beside it.
 
 use crate::{Cholesky, fetch};
 use faer::sparse::linalg::cholesky::SymbolicCholeskyRaw;
@@ -82,13 +83,8 @@ impl Supernodes {
         for s in 0..count {
             let width = (begin[s + 1] - begin[s]) as usize;
             let height = width + row_start[s + 1] - row_start[s];
-            let start = value_start[s];
-            value_start.push(
-                start
-                    + quads(width)
-                        .map(|(j, some)| some * (height - j))
-                        .sum::<usize>(),
-            );
+            let packed = quads(width).map(|(j, some)| some * (height - j));
+            value_start.push(value_start[s] + packed.sum::<usize>());
         }
         let identity = || (0..n as u32).collect();
         let (at_place, place_of) = match symbolic.perm() {
@@ -225,7 +221,7 @@ impl Supernodes {
         std::array::from_fn(|k| scratch.x[k * self.at_place.len() + place])
     }
 
-    /// Eliminates the columns of one supernode from those after it; whether it asks memory for what comes next.
+    /// Eliminates the columns of one supernode from those after it. Where it `fetches`, it asks memory for what comes next.
     #[inline(always)]
     fn forward<S: Simd, const K: usize>(
         &self,
@@ -240,7 +236,7 @@ impl Supernodes {
             width,
             height,
             rows,
-            values: place,
+            place,
         } = self.block(s);
         let n = self.at_place.len();
         let most = self.most_height;
@@ -304,7 +300,7 @@ impl Supernodes {
         x[own].iter().any(|x| *x != 0.0)
     }
 
-    /// Solves for the columns of one supernode, those after it being known; whether it asks memory for what comes next.
+    /// Solves for the columns of one supernode, those after it being known. Where it `fetches`, it asks memory for what comes next.
     #[inline(always)]
     fn backward<S: Simd, const K: usize>(
         &self,
@@ -319,7 +315,7 @@ impl Supernodes {
             width,
             height,
             rows,
-            values: place,
+            place,
         } = self.block(s);
         let n = self.at_place.len();
         let most = self.most_height;
@@ -376,7 +372,7 @@ impl Supernodes {
             width,
             height,
             rows: &self.rows[self.row_start[s]..self.row_start[s + 1]],
-            values: self.value_start[s]..self.value_start[s + 1],
+            place: self.value_start[s]..self.value_start[s + 1],
         }
     }
 }
@@ -388,8 +384,8 @@ struct Block<'a> {
     height: usize,
     /// Rows below the diagonal block.
     rows: &'a [u32],
-    /// Among the packed, see [`Supernodes::pack`].
-    values: Range<usize>,
+    /// Of its values among the packed, see [`Supernodes::pack`].
+    place: Range<usize>,
 }
 
 /// What there is of a range.
