@@ -84,7 +84,7 @@ fn reduce(problem: &Problem, work: &mut Workspace, epsilon: f64) -> Result<(), D
     let (n, e) = (scaled.n, scaled.equalities);
     let m = n - e;
     let equality = &mut work.equality[..e * e];
-    scaled.block(problem, 0..e, 0..e, equality);
+    scaled.lower_block(problem, 0..e, equality);
     equality
         .iter_mut()
         .step_by(e + 1)

@@ -3,6 +3,7 @@
 //! Entry points: [`Scaled::prepare`], then [`Scaled::block`] for parts of the scaled compliance.
 
 use super::{Problem, RowKind};
+use std::ops::Range;
 
 /// What a scaled row may do.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,6 +54,8 @@ pub(super) struct Scaled {
     /// Equality rows, which come first.
     pub equalities: usize,
     pub order: Vec<usize>,
+    /// Positions whose rows follow each other in the problem, too, equality rows apart from others.
+    runs: Vec<Range<usize>>,
     /// d, by position.
     pub scale: Vec<f64>,
     /// delta_free~, by position.
@@ -76,6 +79,7 @@ impl Scaled {
             n: 0,
             equalities: 0,
             order: Vec::with_capacity(largest),
+            runs: Vec::with_capacity(largest),
             scale: Vec::with_capacity(largest),
             target: Vec::with_capacity(largest),
             root: Vec::with_capacity(largest),
@@ -106,6 +110,7 @@ impl Scaled {
         self.order.extend((0..n).filter(|&row| eliminated(row)));
         self.equalities = self.order.len();
         self.order.extend((0..n).filter(|&row| !eliminated(row)));
+        self.find_runs();
 
         self.scale.clear();
         self.law.clear();
@@ -133,6 +138,17 @@ impl Scaled {
             return Err(Fault::NotFinite);
         }
         self.check_compliance(problem)
+    }
+
+    fn find_runs(&mut self) {
+        self.runs.clear();
+        for (at, &row) in self.order.iter().enumerate() {
+            let goes_on = at != self.equalities && at > 0 && self.order[at - 1] + 1 == row;
+            match self.runs.last_mut().filter(|_| goes_on) {
+                Some(run) => run.end = at + 1,
+                None => self.runs.push(at..at + 1),
+            }
+        }
     }
 
     /// Scales the next row, or the next three if it is a normal.
@@ -235,7 +251,8 @@ impl Scaled {
             let mut sound = true;
             for (entry, root) in column.iter().zip(&self.root) {
                 // Not a number is not below anything.
-                sound &= entry.abs() <= (own * root).min(f64::MAX);
+                let size = entry.abs();
+                sound &= (size <= own * root) & (size <= f64::MAX);
             }
             if !sound {
                 return Err(match finite(w) {
@@ -252,21 +269,39 @@ impl Scaled {
     pub fn block(
         &self,
         problem: &Problem,
-        rows: std::ops::Range<usize>,
-        columns: std::ops::Range<usize>,
+        rows: Range<usize>,
+        columns: Range<usize>,
         out: &mut [f64],
     ) {
-        let height = rows.len();
-        if height == 0 {
-            return;
+        for (out, at) in out.chunks_exact_mut(rows.len().max(1)).zip(columns) {
+            self.column(problem, at, rows.clone(), out);
         }
-        for (out, at) in out.chunks_exact_mut(height).zip(columns) {
-            let own = self.scale[at];
-            let start = self.order[at] * self.n;
-            let column = &problem.compliance[start..start + self.n];
-            let order = &self.order[rows.clone()];
-            for ((out, &row), &scale) in out.iter_mut().zip(order).zip(&self.scale[rows.clone()]) {
-                *out = own * column[row] * scale;
+    }
+
+    /// As [`Self::block`] for rows and columns `both`, without what is above the diagonal.
+    pub fn lower_block(&self, problem: &Problem, both: Range<usize>, out: &mut [f64]) {
+        let columns = out.chunks_exact_mut(both.len().max(1)).enumerate();
+        for (column, out) in columns.take(both.len()) {
+            let at = both.start + column;
+            self.column(problem, at, at..both.end, &mut out[column..]);
+        }
+    }
+
+    /// Rows `rows` of the column at a position, into `out`.
+    fn column(&self, problem: &Problem, at: usize, rows: Range<usize>, out: &mut [f64]) {
+        let own = self.scale[at];
+        let start = self.order[at] * self.n;
+        let column = &problem.compliance[start..start + self.n];
+        for run in &self.runs {
+            let run = run.start.max(rows.start)..run.end.min(rows.end);
+            if run.is_empty() {
+                continue;
+            }
+            let row = self.order[run.start];
+            let entries = column[row..row + run.len()].iter();
+            let out = &mut out[run.start - rows.start..run.end - rows.start];
+            for ((out, entry), scale) in out.iter_mut().zip(entries).zip(&self.scale[run]) {
+                *out = own * entry * scale;
             }
         }
     }
