@@ -177,11 +177,11 @@ impl ThreadState {
             if span.passage.is_some() {
                 continue;
             }
-            let mut own = self.segments.iter().filter(|segment| segment.span == index);
-            let (Some(first), last) = (own.next(), own.next_back()) else {
+            let own = self.segments_of(index);
+            let (Some(first), Some(last)) = (own.first(), own.last()) else {
                 continue;
             };
-            let ends = [first.ends[0], last.unwrap_or(first).ends[1]];
+            let ends = [first.ends[0], last.ends[1]];
             let [from, to] = ends.map(|end| match end {
                 End::Tissue(anchor) => place(&anchor),
                 End::Held(at) => at,
@@ -197,7 +197,8 @@ impl ThreadState {
             work.new.clear();
             // What lies on a body bends over tissue before it and behind it.
             let mut start = from;
-            for segment in self.segments.iter().filter(|each| each.span == index) {
+            let own = self.range_of(index);
+            for segment in &self.segments[own] {
                 match (segment.leg, segment.ends) {
                     (Some(leg), [End::Held(on), _]) if leg.leaves => start = on,
                     (Some(leg), [_, End::Held(on)]) => {

@@ -205,8 +205,8 @@ impl Balance<'_> {
         span: usize,
         (with, rod): (Obstacle, &Rod),
     ) -> Option<(u32, Passing)> {
-        let segments = self.state.threads[strand].segments.iter();
-        let straight = segments.filter(|each| each.span == span && each.leg.is_none());
+        let segments = self.state.threads[strand].segments_of(span).iter();
+        let straight = segments.filter(|each| each.leg.is_none());
         let mut nearest: Option<(u32, Passing)> = None;
         for segment in straight {
             let [from, to] = segment.ends.map(|end| self.end_m(&end));

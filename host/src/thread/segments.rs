@@ -658,8 +658,18 @@ impl ThreadState {
 
     /// True length of a span \[m\].
     pub fn lengths_of(&self, span: usize) -> f64 {
-        let own = self.segments.iter().filter(|segment| segment.span == span);
-        own.map(Segment::path_m).sum()
+        self.segments_of(span).iter().map(Segment::path_m).sum()
+    }
+
+    /// Places of a span's segments: they are in the order of spans.
+    pub(super) fn range_of(&self, span: usize) -> Range<usize> {
+        let first = self.segments.partition_point(|segment| segment.span < span);
+        let own = self.segments[first..].partition_point(|segment| segment.span == span);
+        first..first + own
+    }
+
+    pub(super) fn segments_of(&self, span: usize) -> &[Segment] {
+        &self.segments[self.range_of(span)]
     }
 
     /// Tension behind the face of that name, towards the head \[N\]; in tissue as before it.

@@ -132,7 +132,7 @@ impl ThreadState {
 
     /// Sum of what there is of thread in the pieces of a passage \[m\], weighted by their shares.
     pub(super) fn own_m(&self, place: usize, weight: impl Fn(f64) -> f64) -> f64 {
-        let own = self.segments.iter().filter(|segment| segment.span == place);
+        let own = self.segments_of(place).iter();
         let pieces = own.filter_map(|segment| segment.piece);
         pieces
             .map(|piece| weight(piece.share) * piece.material_m)
@@ -219,7 +219,7 @@ impl ThreadState {
                 -span.material_m * self.stretch(part, place)
             };
             let mut before = 0.0;
-            for segment in self.segments.iter().filter(|segment| segment.span == place) {
+            for segment in self.segments_of(place) {
                 let mut over = segment.path_m();
                 if let Some(piece) = segment.piece {
                     over -= piece.material_m * stretch(part, segment.tension_n);
@@ -249,7 +249,7 @@ impl ThreadState {
 
     /// Length of a span outside over what there is of thread for it.
     fn stretch(&self, part: &ThreadPart, place: usize) -> f64 {
-        let own = self.segments.iter().find(|segment| segment.span == place);
+        let own = self.segments_of(place).first();
         stretch(part, own.map_or(0.0, |segment| segment.tension_n))
     }
 
@@ -257,10 +257,8 @@ impl ThreadState {
     fn turned_lengths_m(&self, place: usize, friction: f64) -> [f64; 2] {
         let total = self.spans[place].turn;
         let (mut gone, mut lengths) = (0.0, [0.0; 2]);
-        for (index, segment) in self.segments.iter().enumerate() {
-            if segment.span != place {
-                continue;
-            }
+        for index in self.range_of(place) {
+            let segment = &self.segments[index];
             let before = index.checked_sub(1).map(|before| &self.segments[before]);
             gone += before.map_or(0.0, |before| before.turn_to(segment));
             let length_m = segment.way.norm();
@@ -374,8 +372,7 @@ impl ThreadState {
 
     /// Whether a span begins and ends at one point of tissue.
     fn is_point(&self, place: usize) -> bool {
-        let mut spans = self.segments.iter().map(|segment| segment.span);
-        !spans.any(|span| span == place)
+        self.segments_of(place).is_empty()
     }
 
     /// Thread that a span takes, unstretched \[m\], when `gives` is drawn from it if it is slack.
@@ -384,14 +381,14 @@ impl ThreadState {
             return 0.0;
         }
         if self.is_taut(place) {
-            let own = self.segments.iter().filter(|segment| segment.span == place);
+            let own = self.segments_of(place).iter();
             return own.map(|segment| segment.taken_m(part)).sum();
         }
         (span.material_m - gives).max(self.lengths_of(place))
     }
 
     fn is_taut(&self, place: usize) -> bool {
-        let mut own = self.segments.iter().filter(|segment| segment.span == place);
+        let mut own = self.segments_of(place).iter();
         own.any(|segment| segment.tension_n > NO_TENSION_N)
     }
 
@@ -452,9 +449,10 @@ impl ThreadState {
         let slack = taken / material_m.max(f64::MIN_POSITIVE);
         let is_taut = self.is_taut(place);
         let faces = self.passed.len();
-        for segment in self.segments.iter_mut().rev() {
+        let own = self.range_of(place);
+        for segment in self.segments[own].iter_mut().rev() {
             let own_m = segment.taken_m(part);
-            let Some(piece) = segment.piece.as_mut().filter(|_| segment.span == place) else {
+            let Some(piece) = &mut segment.piece else {
                 continue;
             };
             let own_m = if is_taut {

@@ -109,8 +109,8 @@ impl ThreadState {
     /// A hand takes in what a span has beyond `length_m`, as long as that has no more tension than `most_n`, or gives of what it has what that
     /// lacks; how much \[m\].
     fn take_from(&mut self, index: usize, length_m: f64, most_n: f64) -> f64 {
-        let mut own = self.segments.iter().filter(|segment| segment.span == index);
-        let tension_n = own.next().map_or(0.0, |segment| segment.tension_n);
+        let own = self.segments_of(index).first();
+        let tension_n = own.map_or(0.0, |segment| segment.tension_n);
         let slack_m = (self.spans[index].material_m - self.lengths_of(index)).max(0.0);
         let most_m = slack_m + if tension_n < most_n { DRAWS_M } else { 0.0 };
         let Span {
