@@ -15,6 +15,7 @@ pub mod event;
 pub mod fem;
 mod hash;
 pub mod jaws;
+mod marks;
 pub mod model;
 pub mod needle;
 pub mod output;

@@ -5,6 +5,7 @@
 
 use super::{MultiPointConstraint, PointConstraint, Term};
 use crate::columns::Columns;
+use crate::marks::Marks;
 use nalgebra::{Matrix3, Vector3};
 use pulp::{Arch, Simd, WithSimd};
 use serde::Serialize;
@@ -45,13 +46,18 @@ impl Reached {
 
     /// Displacement of `at` per force on this \[m/N\], whose columns must be there.
     fn moves(&self, at: &Self, columns: &Columns) -> Matrix3<f64> {
-        let mut sum = Matrix3::zeros();
+        let mut sum = [0.0; BLOCK];
         for (pushed, weight) in self.parts() {
+            let column = columns.of(pushed);
             for (vertex, share) in at.parts() {
-                sum += columns.block(vertex, pushed) * (share * weight);
+                let first = BLOCK * vertex as usize;
+                let part = share * weight;
+                for (sum, number) in sum.iter_mut().zip(&column[first..first + BLOCK]) {
+                    *sum += number * part;
+                }
             }
         }
-        sum
+        Matrix3::from_column_slice(&sum)
     }
 
     /// Adds a vertex; whether there is room.
@@ -93,8 +99,11 @@ pub(super) struct Pairs {
     factor: u64,
     /// What each slot holds; `None` if it is free.
     held: Vec<Option<Reached>>,
-    /// Whether a slot is held by a present anchor.
-    present: Vec<bool>,
+    /// Slots that are held by present anchors.
+    present: Marks,
+    /// Of each slot those for which the block between the two has been found since this one was taken, (slots): it is known if that is
+    /// so of both.
+    known: Vec<Marks>,
     /// Displacement of the second per force on the first \[m/N\], (slots x slots) by the first, each column-major, and what is read
     /// beyond the last.
     blocks: Vec<f64>,
@@ -122,7 +131,8 @@ impl Pairs {
             most,
             factor: 0,
             held: vec![None; most],
-            present: vec![false; most],
+            present: Marks::new(most),
+            known: vec![Marks::new(most); most],
             blocks: vec![0.0; BLOCK * most * most + LANES - 3],
             slots: Vec::with_capacity(most),
             new: Vec::with_capacity(most),
@@ -152,7 +162,7 @@ impl Pairs {
         std::mem::swap(&mut self.slots, &mut self.before);
         self.slots.clear();
         self.new.clear();
-        self.present.fill(false);
+        self.present.clear();
         // Anchors mostly come in the order of the last time, but for a few.
         let mut next = 0;
         for anchor in anchors {
@@ -169,7 +179,7 @@ impl Pairs {
                 }
             };
             if let Some(slot) = known {
-                self.present[slot as usize] = true;
+                self.present.set(slot);
             }
             self.slots.push(known.unwrap_or(self.most as u32));
         }
@@ -197,55 +207,57 @@ impl Pairs {
             };
             self.slots[place] = slot as u32;
             self.held[slot] = Some(*anchor);
-            self.present[slot] = true;
+            self.present.set(slot as u32);
             self.new.push(slot as u32);
+            self.known[slot].clear();
         }
         self.age(columns);
         self.fill(columns);
     }
 
-    /// Blocks between new anchors and all that are held, each from the columns of the lower: the bits of a block do not
-    /// depend on which of its anchors came first.
-    fn fill(&mut self, columns: &Columns) {
-        for &new in &self.new {
-            let Some(one) = &self.held[new as usize] else {
-                continue;
-            };
-            for (slot, other) in self.held.iter().enumerate() {
-                let Some(other) = other else {
-                    continue;
-                };
-                let (one_to_other, other_to_one) = if one.is_lower_than(other) {
-                    let block = one.moves(other, columns);
-                    (block, block.transpose())
-                } else {
-                    let block = other.moves(one, columns);
-                    (block.transpose(), block)
-                };
-                let places = [
-                    new as usize * self.most + slot,
-                    slot * self.most + new as usize,
-                ];
-                for (place, block) in places.into_iter().zip([one_to_other, other_to_one]) {
-                    self.blocks[BLOCK * place..BLOCK * (place + 1)]
-                        .copy_from_slice(block.as_slice());
-                }
-            }
-        }
-    }
-
     /// A slot that no present anchor holds, where all are held: there are no more anchors than slots.
     fn vacate(&self) -> usize {
-        let mut slots = self.present.iter();
-        slots.position(|present| !present).unwrap_or(0)
+        let mut slots = 0..self.most;
+        slots
+            .find(|slot| !self.present.has(*slot as u32))
+            .unwrap_or(0)
+    }
+
+    /// Blocks between present anchors that are not known, each from the columns of the lower: the bits of a block do not
+    /// depend on which of its anchors came first.
+    fn fill(&mut self, columns: &Columns) {
+        for one in self.present.each() {
+            let mut known = std::mem::take(&mut self.known[one as usize]);
+            for other in self.present.each_but(&known) {
+                let (one, other) = (one as usize, other as usize);
+                let (Some(from), Some(to)) = (&self.held[one], &self.held[other]) else {
+                    continue;
+                };
+                let (low, high, block) = if from.is_lower_than(to) {
+                    (one, other, from.moves(to, columns))
+                } else {
+                    (other, one, to.moves(from, columns))
+                };
+                let place = |from: usize, to: usize| BLOCK * (from * self.most + to);
+                let forth = &mut self.blocks[place(low, high)..][..BLOCK];
+                forth.copy_from_slice(block.as_slice());
+                let back = &mut self.blocks[place(high, low)..][..BLOCK];
+                back.copy_from_slice(block.transpose().as_slice());
+                if other != one {
+                    self.known[other].set(one as u32);
+                }
+            }
+            known.set_all(&self.present);
+            self.known[one as usize] = known;
+        }
     }
 
     /// Forgets what has not been among the present ones for long, and what has lost its columns.
     fn age(&mut self, columns: &Columns) {
         self.others.clear();
-        for (slot, held) in self.held.iter_mut().enumerate() {
-            let idle = &mut self.idle[slot];
-            if self.present[slot] {
+        for (slot, held) in (0u32..).zip(&mut self.held) {
+            let idle = &mut self.idle[slot as usize];
+            if self.present.has(slot) {
                 *idle = 0;
             } else if let Some(other) = held {
                 *idle += 1;
@@ -253,7 +265,7 @@ impl Pairs {
                 if *idle > self.kept || !has_columns {
                     *held = None;
                 } else {
-                    self.others.push(slot as u32);
+                    self.others.push(slot);
                 }
             }
         }
@@ -263,6 +275,14 @@ impl Pairs {
     pub fn block(&self, at: usize, pushed: usize) -> Matrix3<f64> {
         let first = BLOCK * (self.slots[pushed] as usize * self.most + self.slots[at] as usize);
         Matrix3::from_column_slice(&self.blocks[first..first + BLOCK])
+    }
+
+    /// Asks memory for the blocks that [`Self::project`] will read if the anchors stay.
+    pub fn fetch(&self) {
+        let blocks = Blocks::new(self.most, &self.blocks, &self.slots);
+        for anchor in 0..self.slots.len() {
+            blocks.fetch(anchor, anchor + 1);
+        }
     }
 
     /// Displacements of all present anchors \[m\] under `forces` on them \[N\], (anchors) each.
@@ -304,11 +324,7 @@ impl Pairs {
         self.directions.clear();
         self.directions.extend(directions);
         self.arch.dispatch(Projection {
-            blocks: Blocks {
-                stride: BLOCK * self.most,
-                numbers: &self.blocks,
-                slots: &self.slots,
-            },
+            blocks: Blocks::new(self.most, &self.blocks, &self.slots),
             directions: &self.directions,
             first_row,
             spread,
@@ -329,6 +345,16 @@ struct Blocks<'a> {
 }
 
 impl<'a> Blocks<'a> {
+    /// Of so many slots, and of those of the present anchors.
+    fn new(most: usize, numbers: &'a [f64], slots: &'a [u32]) -> Self {
+        let stride = BLOCK * most;
+        Self {
+            stride,
+            numbers,
+            slots,
+        }
+    }
+
     /// Asks for what [`Self::moved`] will read, of those up to an anchor.
     #[inline(always)]
     fn fetch(self, anchor: usize, until: usize) {

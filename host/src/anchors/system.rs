@@ -185,6 +185,8 @@ pub(crate) struct ConstraintSystem {
 }
 
 const UNREACHED: u32 = u32::MAX;
+/// Numbers of a factor that stay in a cache until they are read: 8 MB.
+const MOST_WARMED: usize = 1 << 20;
 /// Where more vertices than this are pushed, one solve for all nodes costs less than a sum for each that is asked for.
 pub(crate) const MANY_PUSHES: usize = 150;
 
@@ -491,6 +493,17 @@ impl ConstraintSystem {
     /// Displacement of an anchor of the last [`Self::assemble`] per force on another \[m/N\].
     pub fn between(&self, at: usize, pushed: usize) -> Matrix3<f64> {
         self.pairs.block(at, pushed)
+    }
+
+    /// Asks memory for what a step that is like the last one reads most of: the factor, unless it is more than stays in a
+    /// cache, and the blocks of present anchors.
+    pub fn warm(&self, body: &Body, grasp: &ConstraintState) {
+        let tissue = body.view(&grasp.motion);
+        let factor = tissue.factor();
+        if factor.len() <= MOST_WARMED {
+            factor.fetch();
+        }
+        self.pairs.fetch();
     }
 
     /// Where all nodes are displaced to under the forces of the last solve, by the linearisation \[m\], (unknowns).

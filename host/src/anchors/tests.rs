@@ -5,7 +5,7 @@ use super::{
     MultiPointConstraint, PointConstraint, Term,
 };
 use crate::body::Body;
-use crate::fem::{CorotationalTissue, LinearTissue, Loads, Material, NodeLoad, Policy};
+use crate::fem::{CorotationalTissue, HeldPoints, LinearTissue, Loads, Material, NodeLoad, Policy};
 use crate::mesh::slab;
 use crate::rows::RowKind;
 use std::sync::Arc;
@@ -222,5 +222,75 @@ fn tissue_that_many_forces_act_on_is_where_sums_of_columns_have_it() {
         system.assemble(&body, &grasp, &rows);
         system.solve(&rows, None, &mut grasp);
         system.accept(&body, &mut grasp);
+    }
+}
+
+/// Blocks are kept while anchors come and go, and computed where one comes back to others that came meanwhile: to the bit what a
+/// system finds that has kept nothing.
+#[test]
+fn compliance_does_not_depend_on_which_anchors_were_there_before() {
+    const MOST: usize = 9;
+    let mesh = slab([0.04, 0.03, 0.02], [4, 3, 2]).expect("a slab");
+    let fixed: Vec<u32> = (0..20).collect();
+    let material = Material {
+        youngs_modulus_pa: 15e3,
+        poisson_ratio: 0.4,
+    };
+    let tissue = Arc::new(LinearTissue::new(&mesh, material, &fixed).expect("tissue"));
+    let resting = vec![0.0; tissue.unknowns()];
+    let body = Body::Linear { tissue, resting };
+    let nodes = 0..body.numbering().nodes() as u32;
+    let reached: Vec<u32> = nodes
+        .filter(|node| !body.numbering().is_fixed(*node))
+        .collect();
+    let settings = AnchorSettings {
+        most_rows: MOST,
+        most_anchors: MOST,
+        ..AnchorSettings::default()
+    };
+    let grasp = ConstraintState::new(body.at_rest(), &settings);
+    let held = Arc::new(HeldPoints::none());
+    let new = || {
+        let motion = grasp.motion();
+        ConstraintSystem::grouped(&body, motion, &held, &reached, settings, &[])
+    };
+    let compliance = |system: &mut ConstraintSystem, anchors: &[AnchorPoint]| {
+        let rows: Vec<PointConstraint> = (0..anchors.len() as u32)
+            .map(|anchor| PointConstraint {
+                id: u64::from(anchor),
+                anchor,
+                kind: RowKind::Equality,
+                direction: [0.36, 0.48, 0.8],
+                target_m: 0.0,
+            })
+            .collect();
+        assert!(system.read(&body, anchors, &[], &rows));
+        system.begin_step();
+        assert!(system.fetch(&body, &grasp, usize::MAX).all);
+        system.assemble(&body, &grasp, &rows);
+        system.compliance(rows.len()).to_vec()
+    };
+    let mut rng = fastrand::Rng::with_seed(5);
+    let mut pool: Vec<AnchorPoint> = mesh
+        .cells()
+        .iter()
+        .rev()
+        .take(14)
+        .copied()
+        .map(|nodes| AnchorPoint {
+            nodes,
+            weights: [0.1, 0.2, 0.3, 0.4],
+        })
+        .collect();
+    let mut system = new();
+    for round in 0..200 {
+        // Some stay away for long, and now and then one comes twice.
+        rng.shuffle(&mut pool[..if round % 40 < 30 { 7 } else { 14 }]);
+        let mut anchors = pool[..rng.usize(0..MOST)].to_vec();
+        if let Some(first) = anchors.first().copied().filter(|_| round % 7 == 0) {
+            anchors.push(first);
+        }
+        let found = compliance(&mut system, &anchors);
+        assert_eq!(found, compliance(&mut new(), &anchors), "round {round}");
     }
 }

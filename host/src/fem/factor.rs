@@ -172,6 +172,12 @@ impl Factor {
         }
     }
 
+    /// Asks memory for what [`Self::solve`] will read.
+    pub fn fetch(&self) {
+        let read = self.symbolic.supernodes.entries();
+        sutura_factor::fetch(&self.values[..read]);
+    }
+
     /// What [`Self::solve_columns`] must visit so that these `unknowns` can be read afterwards.
     pub fn needed_for(&self, unknowns: impl Iterator<Item = usize>) -> Vec<u32> {
         self.symbolic.supernodes.needed_for(unknowns)

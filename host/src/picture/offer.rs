@@ -276,6 +276,10 @@ impl Solve for Showing<'_> {
         solved
     }
 
+    fn warm(&self) {
+        self.solver.warm();
+    }
+
     fn scene(&self) -> serde_json::Map<String, serde_json::Value> {
         self.solver.scene()
     }

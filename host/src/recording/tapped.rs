@@ -169,6 +169,10 @@ impl Solve for TappedSolver<'_> {
         solved
     }
 
+    fn warm(&self) {
+        self.solver.warm();
+    }
+
     fn scene(&self) -> serde_json::Map<String, serde_json::Value> {
         self.solver.scene()
     }

@@ -93,6 +93,8 @@ pub struct Solved {
     pub stages: Stages,
     /// Steps made besides the solve's own.
     pub looked: Looked,
+    /// Whether it read so much memory that the next one is worth a [`Solve::warm`].
+    pub warms: bool,
 }
 
 impl Solved {
@@ -128,6 +130,9 @@ impl Solved {
 pub trait Solve: Send {
     /// Steps the scene to the state's pose.
     fn solve(&mut self, state: &Valid<State>) -> Solved;
+
+    /// Asks memory for what a solve like the last one will read, shortly before that is due. Changes nothing.
+    fn warm(&self) {}
 
     /// What solves from now on are to do: less than all where the host cannot keep its pace. Says what they do without.
     fn spare(&mut self, _effort: Effort) -> Spared {

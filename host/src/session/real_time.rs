@@ -26,6 +26,9 @@ use sutura_shared::wire::message::{Command, Mode, Report, State};
 
 /// Time between two progress notes, and between two looks at how far the session is.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
+/// So long before its state should come a solver asks memory for what it will read: that takes up to a quarter of a millisecond, and
+/// what is there earlier may be gone again.
+const WARM_BEFORE: Duration = Duration::from_micros(300);
 /// Shortest of these times: a few ticks.
 const TICKS_SOME: Duration = Duration::from_millis(2);
 /// A console from which nothing came for so long is dead, or its line is; longer if the link waits longer.
@@ -378,8 +381,9 @@ fn solve_until(
     asks: Option<Role>,
 ) {
     let mut duty = asks.map(Duty::begin);
-    // The tick that is due, and how long until it comes.
-    let mut next: (Option<u32>, Duration) = (None, Duration::ZERO);
+    let mut next: Option<Due> = None;
+    // Whether the solve before read much memory.
+    let mut warms = false;
     let tick = Duration::from_secs(1) / u32::from(plan.tick_hz.max(1));
     let period = Duration::from_secs_f64(1.0 / plan.host_hz);
     let mut schedule: Option<Schedule> = None;
@@ -391,15 +395,13 @@ fn solve_until(
             duty.look();
             lock(log).solver = (duty.granted(), duty.gave_way());
         }
-        // Only the state that is due wakes this thread: whoever sleeps until just before it may be woken late twice.
-        let (tick_due, wait) = std::mem::take(&mut next);
-        let state: Valid<State> =
-            match link.state_from(tick_due, Instant::now() + wait + LOOK_EVERY) {
-                Ok(Some(state)) => state,
-                Ok(None) => continue,
-                // The watching thread sees the same and says so.
-                Err(_) => return,
-            };
+        let take = |tick, deadline| link.state_from(tick, deadline);
+        let state: Valid<State> = match due_state(next.take(), take, || solver.warm()) {
+            Ok(Some(state)) => state,
+            Ok(None) => continue,
+            // The watching thread sees the same and says so.
+            Err(_) => return,
+        };
         if !matches!(state.body().mode, Mode::Armed | Mode::Decaying) {
             // Nobody feels anything: the pose may be anywhere, even inside the tissue.
             schedule = None;
@@ -422,6 +424,7 @@ fn solve_until(
             let spared = solver.spare(overload.effort());
             let solved = solver.solve(&state);
             let solve_time = heard.elapsed();
+            warms = solved.warms;
             let felt = {
                 let mut log = lock(log);
                 let armed = log.armed;
@@ -452,8 +455,48 @@ fn solve_until(
             }
         }
         let left = schedule.ticks_left(now);
-        next = (Some(now.wrapping_add(left)), tick * left);
+        next = Some(Due {
+            tick: now.wrapping_add(left),
+            at: heard + tick * left,
+            warms,
+        });
     }
+}
+
+/// The next solve.
+#[derive(Clone, Copy, Debug)]
+struct Due {
+    /// For the state of that tick.
+    tick: u32,
+    /// When that should come.
+    at: Instant,
+    /// Whether the solver asks memory for what it will read, just before.
+    warms: bool,
+}
+
+/// The state that is due, or after a while the newest. Only this state wakes the thread, or the time to warm up: whoever
+/// sleeps until just before it may be woken late twice. `take` is [`Link::state_from`].
+///
+/// # Errors
+/// Those of `take`.
+fn due_state<E>(
+    due: Option<Due>,
+    take: impl Fn(Option<u32>, Instant) -> Result<Option<Valid<State>>, E>,
+    warm: impl FnOnce(),
+) -> Result<Option<Valid<State>>, E> {
+    let Some(due) = due else {
+        return take(None, Instant::now() + LOOK_EVERY);
+    };
+    if due.warms {
+        let early = due.at.checked_sub(WARM_BEFORE).unwrap_or(due.at);
+        let newest = take(Some(due.tick), early)?;
+        let is_due = |state: &Valid<State>| state.body().tick.wrapping_sub(due.tick) as i32 >= 0;
+        if newest.as_ref().is_some_and(is_due) {
+            return Ok(newest);
+        }
+        warm();
+    }
+    take(Some(due.tick), due.at + LOOK_EVERY)
 }
 
 /// How a session ended that ran as long as it was to.
@@ -689,7 +732,87 @@ fn disarm(link: &Link, log: &Mutex<Log>) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::SceneSolver;
+    use super::super::late_tests::{plan, valid};
     use super::*;
+    use crate::scene::{load, position_at};
+    use std::cell::RefCell;
+    use std::convert::Infallible;
+    use std::path::Path;
+    use sutura_shared::control::{Control, TickInput};
+
+    fn state(tick: u32, console_time_us: u64, position_m: [f64; 3]) -> Valid<State> {
+        let mut control =
+            Control::new(sutura_study::fidelity::plant::Mechanics::LIGHT.description())
+                .expect("a device");
+        let state = State {
+            tick,
+            mode: Mode::Armed,
+            position_m: position_m.map(|x| x as f32),
+            ..control.tick(&TickInput::default(), None).state
+        };
+        valid(tick, console_time_us, state)
+    }
+
+    /// A state that is due is taken at once; before one that is not there yet the solver warms up, and what came till then is not it.
+    #[test]
+    fn solvers_warm_up_while_they_wait() {
+        let now = Instant::now();
+        let at = now + Duration::from_millis(3);
+        // Of the waits in turn which state ends each.
+        let wait = |warms: bool, ends: [Option<u32>; 2]| {
+            let due = Due { tick: 1, at, warms };
+            let log = RefCell::new(Vec::new());
+            let take = |tick, deadline| {
+                let mut log = log.borrow_mut();
+                let end = ends[log.len().min(1)];
+                log.push(Some((tick, deadline)));
+                Ok::<_, Infallible>(end.map(|tick| state(tick, 0, [0.0; 3])))
+            };
+            let warm = || log.borrow_mut().push(None);
+            let Ok(found) = due_state(Some(due), take, warm);
+            (found.map(|state| state.body().tick), log.into_inner())
+        };
+        let (early, last) = (
+            Some((Some(1), at - WARM_BEFORE)),
+            Some((Some(1), at + LOOK_EVERY)),
+        );
+        assert_eq!(wait(false, [Some(1), None]), (Some(1), vec![last]));
+        assert_eq!(wait(true, [Some(1), None]), (Some(1), vec![early]));
+        assert_eq!(wait(true, [Some(2), None]), (Some(2), vec![early]));
+        let warmed = vec![early, None, last];
+        for ends in [
+            [Some(0), Some(1)],
+            [None, Some(1)],
+            [Some(u32::MAX), Some(1)],
+        ] {
+            assert_eq!(wait(true, ends), (Some(1), warmed.clone()));
+        }
+        assert_eq!(wait(true, [None, None]), (None, warmed));
+    }
+
+    /// What is asked of memory changes no bit, and is asked for after steps that found where all nodes are.
+    #[test]
+    fn warming_up_changes_nothing() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes/thread-over-shaft.toml");
+        let scene = load(&path).expect("a shipped scene");
+        let plan = plan(&scene, 100.0);
+        let hand = scene.hand.as_ref().expect("a hand");
+        let solver = || SceneSolver::for_session(&scene, &plan).expect("a solver");
+        let (mut cold, mut warm, mut warms) = (solver(), solver(), 0);
+        for step in 1..=200u32 {
+            let time_us = 10_000 * u64::from(step);
+            let state = state(10 * step, time_us, position_at(hand, 1e-6 * time_us as f64));
+            let solved = cold.solve(&state);
+            warm.warm();
+            warm.solve(&state);
+            assert_eq!(cold.hash(), warm.hash(), "step {step}");
+            let fields = cold.last().fields;
+            assert_eq!(solved.warms, fields > 0);
+            warms += u32::from(solved.warms);
+        }
+        assert!((10..190).contains(&warms), "{warms}");
+    }
 
     #[test]
     fn a_console_is_armed_by_itself_three_times_a_minute() {

@@ -17,6 +17,7 @@ use crate::body::{Body, Push};
 use crate::clock::Clock;
 use crate::collide::TouchWork;
 use crate::jaws::JawsWork;
+use crate::marks::Marks;
 use crate::model::Model;
 use crate::needle::{MOST_GROUPS, NeedleWork};
 use crate::rod::{BarWork, TouchWork as RodWork};
@@ -48,6 +49,7 @@ pub(crate) struct BalanceWork {
 pub(crate) struct Nodes {
     /// Forces on vertices, ascending.
     pub pushes: Vec<Push>,
+    sums: PushSums,
     /// Solves so far, and where each node was found to be in which of them \[m\], (n).
     pub solves: u64,
     known: Vec<Cell<(u64, Vector3<f64>)>>,
@@ -67,7 +69,8 @@ impl BalanceWork {
             system,
             set: ConstraintSet::new(&settings),
             nodes: Nodes {
-                pushes: Vec::with_capacity(4 * settings.most_anchors),
+                pushes: Vec::with_capacity(sources.mesh.nodes().min(8 * settings.most_anchors)),
+                sums: PushSums::new(sources.mesh.nodes()),
                 solves: 0,
                 known: vec![Cell::new((u64::MAX, Vector3::zeros())); sources.mesh.nodes()],
                 at: sources.resting_m.clone(),
@@ -414,23 +417,46 @@ impl<'a> Balance<'a> {
     }
 }
 
+/// Sums of forces on the same vertex: crossings share vertices.
+struct PushSums {
+    /// Force on each vertex that is pushed \[N\], and which are.
+    force: Vec<Vector3<f64>>,
+    pushed: Marks,
+}
+
+impl PushSums {
+    /// For so many vertices.
+    fn new(vertices: usize) -> Self {
+        Self {
+            force: vec![Vector3::zeros(); vertices],
+            pushed: Marks::new(vertices),
+        }
+    }
+
+    /// Into `out`, by ascending vertex.
+    fn sum(&mut self, pushes: impl Iterator<Item = Push>, out: &mut Vec<Push>) {
+        for (vertex, force) in pushes {
+            let sum = &mut self.force[vertex as usize];
+            if self.pushed.set(vertex) {
+                *sum = force;
+            } else {
+                *sum += force;
+            }
+        }
+        out.clear();
+        let force = &self.force;
+        self.pushed
+            .take(|vertex| out.push((vertex, force[vertex as usize])));
+    }
+}
+
 impl Nodes {
     /// Takes over the forces of a solve.
     fn solved(&mut self, pushes: impl Iterator<Item = Push>) {
         self.solves += 1;
-        self.pushes.clear();
         // A slack thread has anchors that nothing acts on.
-        self.pushes
-            .extend(pushes.filter(|(_, force)| *force != Vector3::zeros()));
-        // Crossings share vertices.
-        self.pushes.sort_unstable_by_key(|(vertex, _)| *vertex);
-        self.pushes.dedup_by(|(vertex, force), (kept, sum)| {
-            let same = vertex == kept;
-            if same {
-                *sum += *force;
-            }
-            same
-        });
+        let acting = pushes.filter(|(_, force)| *force != Vector3::zeros());
+        self.sums.sum(acting, &mut self.pushes);
     }
 
     /// See [`Balance::position`].

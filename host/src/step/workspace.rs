@@ -72,6 +72,14 @@ impl Workspace {
         }
     }
 
+    /// Asks memory for what a step like the last one reads most of, shortly before it: what was not used for milliseconds is in no
+    /// cache any more where others use that, too. Changes nothing.
+    pub fn warm(&self, model: &Model, state: &super::State) {
+        if let (Some(work), Some(state)) = (&self.sources, &state.sources) {
+            work.balance.system.warm(&model.body, &state.grasp);
+        }
+    }
+
     /// What finds forces on the tissue, and the nodes that it reaches; nothing if nothing touches it.
     fn system(&mut self, model: &Model) -> Option<(&mut ConstraintSystem, Vec<u32>)> {
         let reached = model.reached(model.sources.as_ref()?);

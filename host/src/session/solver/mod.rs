@@ -678,6 +678,13 @@ impl Solve for SceneSolver {
                 ..report.stages
             },
             looked: self.past.budget.looked(),
+            warms: report.fields > 0,
+        }
+    }
+
+    fn warm(&self) {
+        if let Some((model, state, work)) = self.parts() {
+            work.warm(model, state);
         }
     }
 

@@ -17,7 +17,7 @@ mod turning;
 
 pub(crate) use cones::{ALIKE_M, Cones, in_units};
 pub(crate) use load::Load;
-pub(crate) use reach::{Marks, NEAR};
+pub(crate) use reach::NEAR;
 use rows::Settled;
 pub(crate) use source::{ToolSource, ToolWork};
 pub(crate) use tangent::Touched;
@@ -25,6 +25,7 @@ pub(crate) use turning::{Turning, Turns};
 
 use crate::boxes::{Bounds, Tree};
 use crate::contact::shape::Solid;
+use crate::marks::Marks;
 use crate::tool::{MAX_TOOLS, Placement, Tool};
 use nalgebra::{Vector3, Vector6};
 use serde::Serialize;

@@ -4,6 +4,7 @@ use super::{Placements, ToolContacts, TouchingTools};
 use crate::boxes::Bounds;
 use crate::contact::entry::{Nearest, way_in};
 use crate::contact::shape::Solid;
+use crate::marks::Marks;
 use crate::tool::Placement;
 use nalgebra::Vector3;
 
@@ -36,10 +37,12 @@ impl TouchingTools {
             let is_far = |square: f64, slack_m: f64| square > (bound_m + slack_m).powi(2);
             self.runs.where_near(
                 |_, bounds| !is_far(bounds.distance_squared(&solid.centre), most_m),
-                |run| marks.set(run),
+                |run| {
+                    marks.set(run);
+                },
             );
             marks.take(|run| {
-                for place in self.run(run) {
+                for place in self.run(run as usize) {
                     let square = (self.resting_m[place] - solid.centre).norm_squared();
                     let own_m = self.slack_of(place, slack_m);
                     if !is_far(square, own_m)
@@ -127,31 +130,6 @@ fn least_gap_m(solid: &Solid, bounds: &Bounds) -> f64 {
     let gap_m = solid.gap(&bounds.middle());
     let half_m = 0.5 * (bounds.high - bounds.low).norm();
     gap_m - half_m - ROUNDING * (gap_m.abs() + half_m)
-}
-
-/// Some of things that are counted from 0.
-#[derive(Clone, Debug)]
-pub(crate) struct Marks(Vec<u64>);
-
-impl Marks {
-    /// None of so many.
-    pub fn new(count: usize) -> Self {
-        Self(vec![0; count.div_ceil(64)])
-    }
-
-    fn set(&mut self, thing: u32) {
-        self.0[thing as usize / 64] |= 1 << (thing % 64);
-    }
-
-    /// Visits what is marked, ascending, and takes the marks away.
-    fn take(&mut self, mut visit: impl FnMut(usize)) {
-        for (word, bits) in self.0.iter_mut().enumerate() {
-            while *bits != 0 {
-                visit(64 * word + bits.trailing_zeros() as usize);
-                *bits &= *bits - 1;
-            }
-        }
-    }
 }
 
 impl ToolContacts {
@@ -325,7 +303,7 @@ mod tests {
                 tools.near(&placements, &slack_m, more_m, &mut marks, &mut near);
                 assert_eq!(near, expected);
                 found += near.len();
-                marks_left += marks.0.iter().filter(|word| **word != 0).count();
+                marks_left += marks.each().count();
             }
         }
         assert!(found > 1000 && marks_left == 0, "{found}");

@@ -2,7 +2,8 @@
 //!
 //! Entry point: [`ToolSource`].
 
-use super::{Marks, Settled, TouchingTools, Turning, Turns};
+use super::{Settled, TouchingTools, Turning, Turns};
+use crate::marks::Marks;
 use crate::needle::MOST_GROUPS;
 use crate::source::{Room, Source};
 use crate::step::{Balance, BalanceWork, Felt, Sources, Status};
