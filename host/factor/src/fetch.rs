@@ -19,3 +19,10 @@ pub fn fetch_line(value: &f64) {
     #[cfg(not(target_arch = "x86_64"))]
     let _ = value;
 }
+
+/// Reads from the lines of memory that `values` lie in, which brings them into the caches: where many are asked for by [`fetch`] with
+/// nothing to do meanwhile, a processor forgets those for which it has no room.
+pub fn touch(values: &[f64]) {
+    let read: f64 = values.iter().step_by(LINE / 2).sum();
+    std::hint::black_box(read);
+}

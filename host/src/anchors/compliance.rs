@@ -9,7 +9,7 @@ use crate::marks::Marks;
 use nalgebra::{Matrix3, Vector3};
 use pulp::{Arch, Simd, WithSimd};
 use serde::Serialize;
-use sutura_factor::fetch_line;
+use sutura_factor::{fetch_line, touch};
 
 /// Most vertices of an anchor: a way between two points of cells has eight.
 const MOST_VERTICES: usize = 8;
@@ -277,11 +277,11 @@ impl Pairs {
         Matrix3::from_column_slice(&self.blocks[first..first + BLOCK])
     }
 
-    /// Asks memory for the blocks that [`Self::project`] will read if the anchors stay.
-    pub fn fetch(&self) {
+    /// Brings into the caches what [`Self::project`] will read if the anchors stay: of each the blocks with those before it.
+    pub fn touch(&self) {
         let blocks = Blocks::new(self.most, &self.blocks, &self.slots);
         for anchor in 0..self.slots.len() {
-            blocks.fetch(anchor, anchor + 1);
+            blocks.until(anchor, anchor + 1).for_each(touch);
         }
     }
 
@@ -358,13 +358,22 @@ impl<'a> Blocks<'a> {
     /// Asks for what [`Self::moved`] will read, of those up to an anchor.
     #[inline(always)]
     fn fetch(self, anchor: usize, until: usize) {
+        for block in self.until(anchor, until) {
+            fetch_line(&block[0]);
+            fetch_line(&block[BLOCK - 1]);
+        }
+    }
+
+    /// Blocks of an anchor with those up to another.
+    #[inline(always)]
+    fn until(self, anchor: usize, until: usize) -> impl Iterator<Item = &'a [f64]> {
         let first = self.slots[anchor] as usize * self.stride;
         let blocks = &self.numbers[first..first + self.stride];
-        for slot in &self.slots[..until] {
+        let slots = self.slots[..until].iter();
+        slots.map(move |slot| {
             let first = BLOCK * *slot as usize;
-            fetch_line(&blocks[first]);
-            fetch_line(&blocks[first + BLOCK - 1]);
-        }
+            &blocks[first..first + BLOCK]
+        })
     }
 
     /// What a force on an anchor moves each by, in their order, and a fourth number of no meaning.

@@ -495,15 +495,15 @@ impl ConstraintSystem {
         self.pairs.block(at, pushed)
     }
 
-    /// Asks memory for what a step that is like the last one reads most of: the factor, unless it is more than stays in a
+    /// Brings into the caches what a step that is like the last one reads most of: the factor, unless it is more than stays in a
     /// cache, and the blocks of present anchors.
     pub fn warm(&self, body: &Body, grasp: &ConstraintState) {
         let tissue = body.view(&grasp.motion);
         let factor = tissue.factor();
         if factor.len() <= MOST_WARMED {
-            factor.fetch();
+            factor.touch();
         }
-        self.pairs.fetch();
+        self.pairs.touch();
     }
 
     /// Where all nodes are displaced to under the forces of the last solve, by the linearisation \[m\], (unknowns).

@@ -6,7 +6,7 @@ use super::{
 };
 use crate::body::Body;
 use crate::fem::{CorotationalTissue, HeldPoints, LinearTissue, Loads, Material, NodeLoad, Policy};
-use crate::mesh::slab;
+use crate::mesh::{TetMesh, slab};
 use crate::rows::RowKind;
 use std::sync::Arc;
 
@@ -24,10 +24,8 @@ fn row_force(
     })
 }
 
-/// Two single rows and seven spread ones, on cells, faces and fixed nodes; one names an anchor twice and gives way, and three have
-/// what one of them has from one place on, as what a thread has beyond a place is.
-#[test]
-fn spread_rows_give_way_as_products_with_the_inverse_say() {
+/// A slab of linear tissue whose lowest nodes are fixed.
+fn tissue() -> (TetMesh, Arc<LinearTissue>) {
     let mesh = slab([0.04, 0.03, 0.02], [4, 3, 2]).expect("a slab");
     let fixed: Vec<u32> = (0..20).collect();
     let material = Material {
@@ -35,6 +33,14 @@ fn spread_rows_give_way_as_products_with_the_inverse_say() {
         poisson_ratio: 0.4,
     };
     let tissue = Arc::new(LinearTissue::new(&mesh, material, &fixed).expect("tissue"));
+    (mesh, tissue)
+}
+
+/// Two single rows and seven spread ones, on cells, faces and fixed nodes; one names an anchor twice and gives way, and three have
+/// what one of them has from one place on, as what a thread has beyond a place is.
+#[test]
+fn spread_rows_give_way_as_products_with_the_inverse_say() {
+    let (mesh, tissue) = tissue();
     let cell = |index: usize| mesh.cells()[index];
     let last = mesh.cells().len() - 1;
     let anchors = [
@@ -230,13 +236,7 @@ fn tissue_that_many_forces_act_on_is_where_sums_of_columns_have_it() {
 #[test]
 fn compliance_does_not_depend_on_which_anchors_were_there_before() {
     const MOST: usize = 9;
-    let mesh = slab([0.04, 0.03, 0.02], [4, 3, 2]).expect("a slab");
-    let fixed: Vec<u32> = (0..20).collect();
-    let material = Material {
-        youngs_modulus_pa: 15e3,
-        poisson_ratio: 0.4,
-    };
-    let tissue = Arc::new(LinearTissue::new(&mesh, material, &fixed).expect("tissue"));
+    let (mesh, tissue) = tissue();
     let resting = vec![0.0; tissue.unknowns()];
     let body = Body::Linear { tissue, resting };
     let nodes = 0..body.numbering().nodes() as u32;

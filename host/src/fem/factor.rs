@@ -172,10 +172,10 @@ impl Factor {
         }
     }
 
-    /// Asks memory for what [`Self::solve`] will read.
-    pub fn fetch(&self) {
+    /// Brings into the caches what [`Self::solve`] will read.
+    pub fn touch(&self) {
         let read = self.symbolic.supernodes.entries();
-        sutura_factor::fetch(&self.values[..read]);
+        sutura_factor::touch(&self.values[..read]);
     }
 
     /// What [`Self::solve_columns`] must visit so that these `unknowns` can be read afterwards.

@@ -131,7 +131,7 @@ pub trait Solve: Send {
     /// Steps the scene to the state's pose.
     fn solve(&mut self, state: &Valid<State>) -> Solved;
 
-    /// Asks memory for what a solve like the last one will read, shortly before that is due. Changes nothing.
+    /// Brings into the caches what a solve like the last one will read, shortly before that is due. Changes nothing.
     fn warm(&self) {}
 
     /// What solves from now on are to do: less than all where the host cannot keep its pace. Says what they do without.

@@ -26,9 +26,9 @@ use sutura_shared::wire::message::{Command, Mode, Report, State};
 
 /// Time between two progress notes, and between two looks at how far the session is.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
-/// So long before its state should come a solver asks memory for what it will read: that takes up to a quarter of a millisecond, and
-/// what is there earlier may be gone again.
-const WARM_BEFORE: Duration = Duration::from_micros(300);
+/// So long before its state should come a solver brings what it will read into the caches: that takes up to a third of a millisecond,
+/// and what is there earlier may be gone again.
+const WARM_BEFORE: Duration = Duration::from_micros(400);
 /// Shortest of these times: a few ticks.
 const TICKS_SOME: Duration = Duration::from_millis(2);
 /// A console from which nothing came for so long is dead, or its line is; longer if the link waits longer.
@@ -470,7 +470,7 @@ struct Due {
     tick: u32,
     /// When that should come.
     at: Instant,
-    /// Whether the solver asks memory for what it will read, just before.
+    /// Whether the solver warms up just before.
     warms: bool,
 }
 

@@ -72,7 +72,7 @@ impl Workspace {
         }
     }
 
-    /// Asks memory for what a step like the last one reads most of, shortly before it: what was not used for milliseconds is in no
+    /// Brings into the caches what a step like the last one reads most of, shortly before it: what was not used for milliseconds is in no
     /// cache any more where others use that, too. Changes nothing.
     pub fn warm(&self, model: &Model, state: &super::State) {
         if let (Some(work), Some(state)) = (&self.sources, &state.sources) {
