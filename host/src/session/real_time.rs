@@ -487,8 +487,10 @@ fn due_state<E>(
     let Some(due) = due else {
         return take(None, Instant::now() + LOOK_EVERY);
     };
-    if due.warms {
-        let early = due.at.checked_sub(WARM_BEFORE).unwrap_or(due.at);
+    // What was read just now needs no warming.
+    let early = due.at.checked_sub(WARM_BEFORE);
+    let early = early.filter(|early| due.warms && *early > Instant::now());
+    if let Some(early) = early {
         let newest = take(Some(due.tick), early)?;
         let is_due = |state: &Valid<State>| state.body().tick.wrapping_sub(due.tick) as i32 >= 0;
         if newest.as_ref().is_some_and(is_due) {
@@ -758,9 +760,10 @@ mod tests {
     #[test]
     fn solvers_warm_up_while_they_wait() {
         let now = Instant::now();
-        let at = now + Duration::from_millis(3);
+        // Waits are told, not waited.
+        let at = now + Duration::from_secs(100);
         // Of the waits in turn which state ends each.
-        let wait = |warms: bool, ends: [Option<u32>; 2]| {
+        let wait_until = |at: Instant, warms: bool, ends: [Option<u32>; 2]| {
             let due = Due { tick: 1, at, warms };
             let log = RefCell::new(Vec::new());
             let take = |tick, deadline| {
@@ -773,6 +776,7 @@ mod tests {
             let Ok(found) = due_state(Some(due), take, warm);
             (found.map(|state| state.body().tick), log.into_inner())
         };
+        let wait = |warms, ends| wait_until(at, warms, ends);
         let (early, last) = (
             Some((Some(1), at - WARM_BEFORE)),
             Some((Some(1), at + LOOK_EVERY)),
@@ -789,6 +793,8 @@ mod tests {
             assert_eq!(wait(true, ends), (Some(1), warmed.clone()));
         }
         assert_eq!(wait(true, [None, None]), (None, warmed));
+        let soon = vec![Some((Some(1), now + LOOK_EVERY))];
+        assert_eq!(wait_until(now, true, [Some(1), None]), (Some(1), soon));
     }
 
     /// What is asked of memory changes no bit, and is asked for after steps that found where all nodes are.
