@@ -10,6 +10,7 @@ const LAYERS: [&[&str]; 8] = [
         "clock",
         "core_time",
         "hash",
+        "marks",
         "text",
         "tool",
         "work",
