@@ -251,8 +251,7 @@ impl Scaled {
             let mut sound = true;
             for (entry, root) in column.iter().zip(&self.root) {
                 // Not a number is not below anything.
-                let size = entry.abs();
-                sound &= (size <= own * root) & (size <= f64::MAX);
+                sound &= entry.abs() <= (own * root).min(f64::MAX);
             }
             if !sound {
                 return Err(match finite(w) {

@@ -734,26 +734,21 @@ fn disarm(link: &Link, log: &Mutex<Log>) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::SceneSolver;
-    use super::super::late_tests::{plan, valid};
+    use super::super::late_tests::valid;
     use super::*;
-    use crate::scene::{load, position_at};
     use std::cell::RefCell;
     use std::convert::Infallible;
-    use std::path::Path;
     use sutura_shared::control::{Control, TickInput};
 
-    fn state(tick: u32, console_time_us: u64, position_m: [f64; 3]) -> Valid<State> {
+    fn state(tick: u32) -> Valid<State> {
         let mut control =
             Control::new(sutura_study::fidelity::plant::Mechanics::LIGHT.description())
                 .expect("a device");
         let state = State {
             tick,
-            mode: Mode::Armed,
-            position_m: position_m.map(|x| x as f32),
             ..control.tick(&TickInput::default(), None).state
         };
-        valid(tick, console_time_us, state)
+        valid(tick, 0, state)
     }
 
     /// A state that is due is taken at once; before one that is not there yet the solver warms up, and what came till then is not it.
@@ -770,7 +765,7 @@ mod tests {
                 let mut log = log.borrow_mut();
                 let end = ends[log.len().min(1)];
                 log.push(Some((tick, deadline)));
-                Ok::<_, Infallible>(end.map(|tick| state(tick, 0, [0.0; 3])))
+                Ok::<_, Infallible>(end.map(state))
             };
             let warm = || log.borrow_mut().push(None);
             let Ok(found) = due_state(Some(due), take, warm);
@@ -795,29 +790,6 @@ mod tests {
         assert_eq!(wait(true, [None, None]), (None, warmed));
         let soon = vec![Some((Some(1), now + LOOK_EVERY))];
         assert_eq!(wait_until(now, true, [Some(1), None]), (Some(1), soon));
-    }
-
-    /// What is asked of memory changes no bit, and is asked for after steps that found where all nodes are.
-    #[test]
-    fn warming_up_changes_nothing() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes/thread-over-shaft.toml");
-        let scene = load(&path).expect("a shipped scene");
-        let plan = plan(&scene, 100.0);
-        let hand = scene.hand.as_ref().expect("a hand");
-        let solver = || SceneSolver::for_session(&scene, &plan).expect("a solver");
-        let (mut cold, mut warm, mut warms) = (solver(), solver(), 0);
-        for step in 1..=200u32 {
-            let time_us = 10_000 * u64::from(step);
-            let state = state(10 * step, time_us, position_at(hand, 1e-6 * time_us as f64));
-            let solved = cold.solve(&state);
-            warm.warm();
-            warm.solve(&state);
-            assert_eq!(cold.hash(), warm.hash(), "step {step}");
-            let fields = cold.last().fields;
-            assert_eq!(solved.warms, fields > 0);
-            warms += u32::from(solved.warms);
-        }
-        assert!((10..190).contains(&warms), "{warms}");
     }
 
     #[test]
