@@ -1,17 +1,11 @@
 //! Memory that will be read soon is asked for before it is.
 
-/// Values in two lines of a cache: who asks for one gets its neighbour, too.
-const LINE: usize = 16;
+/// Values in a line of a cache.
+pub(crate) const LINE: usize = 8;
 
-/// Asks for the lines of memory that `values` lie in, without waiting for them: what is not in a cache any more, as after a while
-/// in which the processor did other things, costs its bandwidth then instead of its latency. Changes nothing else; does nothing
-/// where a processor has no such instruction.
-#[inline(always)]
-pub fn fetch(values: &[f64]) {
-    values.iter().step_by(LINE).for_each(fetch_line);
-}
-
-/// As [`fetch`], of the line that a value lies in.
+/// Asks for the line of memory that a value lies in, without waiting for it: what is not in a cache any more, as after a while in which
+/// the processor did other things, costs memory's bandwidth then instead of its latency. Changes nothing else; does nothing where a
+/// processor has no such instruction.
 #[inline(always)]
 pub fn fetch_line(value: &f64) {
     #[cfg(target_arch = "x86_64")]
@@ -20,9 +14,9 @@ pub fn fetch_line(value: &f64) {
     let _ = value;
 }
 
-/// Reads from the lines of memory that `values` lie in, which brings them into the caches: where many are asked for by [`fetch`] with
-/// nothing to do meanwhile, a processor forgets those for which it has no room.
+/// Reads from the lines of memory that `values` lie in, which brings them into the caches: where many are asked for by [`fetch_line`]
+/// with nothing to do meanwhile, a processor forgets those for which it has no room.
 pub fn touch(values: &[f64]) {
-    let read: f64 = values.iter().step_by(LINE / 2).sum();
+    let read: f64 = values.iter().step_by(LINE).sum();
     std::hint::black_box(read);
 }

@@ -15,7 +15,7 @@ pub use dense::{
     Dense, Lu, add_product, prepare_thread, solve_lower, solve_lower_transposed,
     subtract_combination, subtract_product,
 };
-pub use fetch::{fetch, fetch_line, touch};
+pub use fetch::{fetch_line, touch};
 pub use supernodes::{Supernodes, SweepScratch};
 
 /// The matrix is not positive definite.

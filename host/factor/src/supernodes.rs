@@ -4,22 +4,23 @@
 //! to unit loads: its forward sweep follows only the path from their supernodes to the root of
 //! the elimination tree (Gilbert & Peierls 1988), its backward sweep leaves out what nobody reads. A
 //! solve streams the factor from memory once each way, so the right-hand sides share each load of an
-//! entry, and what lies above the diagonal of a supernode's columns is left out of it ([`Supernodes::pack`]).
+//! entry, and its values lie in the order in which they are read ([`Supernodes::pack`]).
 //! Sums run in a fixed order with explicit fused multiply-adds: one set of bits on every processor, whatever
 //! else is solved beside it.
 
-use crate::{Cholesky, fetch};
+use crate::Cholesky;
+use crate::fetch::{LINE, fetch_line};
 use faer::sparse::linalg::cholesky::SymbolicCholeskyRaw;
 use pulp::bytemuck::cast;
 use pulp::{Arch, Simd, WithSimd};
 use std::ops::Range;
 
-/// Partial sums of a dot product that run side by side.
+/// Rows that are taken side by side.
 const LANES: usize = 4;
-/// Columns of a supernode taken together, so that a loaded value serves more than one of them.
-const QUAD: usize = 4;
+/// Most columns of a panel: those of two nodes.
+const WIDEST: usize = 6;
 /// Values of a factor that are fetched from memory before their turn: what a sweep takes as long for as memory does to answer.
-const AHEAD: usize = 2048;
+const AHEAD: usize = 1536;
 
 /// Where each supernode's rows and values lie, and which column of the matrix is which.
 #[derive(Debug)]
@@ -29,7 +30,7 @@ pub struct Supernodes {
     /// Where its rows below the diagonal block begin in `rows`, (s + 1).
     row_start: Vec<usize>,
     rows: Vec<u32>,
-    /// Where its dense columns begin among the values of a factor, (s), and among those that are packed, (s + 1).
+    /// Where its dense columns begin among the values of a factor, (s), and its panels among those that are packed, (s + 1).
     factor_start: Vec<usize>,
     value_start: Vec<usize>,
     /// The next supernode on the way to the root; the number of supernodes at a root, (s).
@@ -52,6 +53,17 @@ pub struct SweepScratch<const K: usize> {
     t: Vec<f64>,
     /// Next supernode on each unknown's path to the root.
     heads: [u32; K],
+}
+
+impl<const K: usize> SweepScratch<K> {
+    /// Some rows of one supernode of each right-hand side, of which there are `most`.
+    fn rows(&mut self, most: usize, rows: Range<usize>) -> [&mut [f64]; K] {
+        let mut each = self.t.chunks_exact_mut(most);
+        std::array::from_fn(|_| match each.next() {
+            Some(t) => &mut t[rows.clone()],
+            None => &mut [],
+        })
+    }
 }
 
 impl Supernodes {
@@ -83,7 +95,7 @@ impl Supernodes {
         for s in 0..count {
             let width = (begin[s + 1] - begin[s]) as usize;
             let height = width + row_start[s + 1] - row_start[s];
-            let packed = quads(width).map(|(j, some)| some * (height - j));
+            let packed = panels(width).map(|(j, some)| some * (height - j));
             value_start.push(value_start[s] + packed.sum::<usize>());
         }
         let identity = || (0..n as u32).collect();
@@ -127,21 +139,26 @@ impl Supernodes {
         self.value_start.last().copied().unwrap_or_default()
     }
 
-    /// Brings the values of a factor to where solves read them, in place: of every few columns of a supernode the rows from the
-    /// first of these on, column by column. What is beyond [`Self::entries`] has no meaning any more.
-    pub fn pack(&self, values: &mut [f64]) {
+    /// Brings the values of a factor to where sweeps read them one after the other, see [`Panel`]; in place, by way of `room`, which
+    /// [`Self::panel_room`] makes. What is beyond [`Self::entries`] has no meaning any more.
+    pub fn pack(&self, values: &mut [f64], room: &mut Vec<f64>) {
         for s in 0..self.count() {
             let (width, height) = self.size(s);
             let (start, mut to) = (self.factor_start[s], self.value_start[s]);
-            for (j, some) in quads(width) {
-                for column in j..j + some {
-                    // Never beyond where it comes from.
-                    let from = start + column * height;
-                    values.copy_within(from + j..from + height, to);
-                    to += height - j;
-                }
+            for (j, some) in panels(width) {
+                let columns = &values[start + j * height..start + (j + some) * height];
+                room.clear();
+                pack_panel(columns, height, j, room);
+                // Never beyond where it comes from.
+                values[to..to + room.len()].copy_from_slice(room);
+                to += room.len();
             }
         }
+    }
+
+    /// Room for the values of any panel.
+    pub fn panel_room(&self) -> Vec<f64> {
+        Vec::with_capacity(WIDEST * self.most_height)
     }
 
     /// Columns and rows of a supernode.
@@ -245,44 +262,24 @@ impl Supernodes {
             t[..width].copy_from_slice(&scratch.x[k * n + first..k * n + first + width]);
             t[width..].fill(0.0);
         }
-        let mut end = place.start;
-        for (j, some) in quads(width) {
-            let tall = height - j;
-            let start = end;
-            end += some * tall;
-            if fetches {
-                fetch(part(values, start + AHEAD..end + AHEAD));
+        let mut start = place.start;
+        for (j, some) in panels(width) {
+            let end = start + some * (height - j);
+            let panel = Panel {
+                values,
+                place: start..end,
+                fetches,
+            };
+            let t = scratch.rows(most, j..height);
+            match some {
+                1 => panel.eliminate::<S, 1, K>(simd, t),
+                2 => panel.eliminate::<S, 2, K>(simd, t),
+                3 => panel.eliminate::<S, 3, K>(simd, t),
+                4 => panel.eliminate::<S, 4, K>(simd, t),
+                5 => panel.eliminate::<S, 5, K>(simd, t),
+                _ => panel.eliminate::<S, WIDEST, K>(simd, t),
             }
-            let columns = &values[start..end];
-            let mut x = [[0.0; K]; QUAD];
-            for c in 0..some {
-                for k in 0..K {
-                    let mut value = scratch.t[k * most + j + c];
-                    for (before, x) in x.iter().enumerate().take(c) {
-                        value = columns[before * tall + c].mul_add(-x[k], value);
-                    }
-                    x[c][k] = value / columns[c * tall + c];
-                    scratch.t[k * most + j + c] = x[c][k];
-                }
-            }
-            let rest = |c: usize| &columns[c * tall + some..(c + 1) * tall];
-            let [ta, tb] = [j + some, height];
-            let mut t = scratch.t.chunks_exact_mut(most);
-            let t: [&mut [f64]; K] = std::array::from_fn(|_| match t.next() {
-                Some(t) => &mut t[ta..tb],
-                None => &mut [],
-            });
-            if some == QUAD {
-                subtract(simd, [rest(0), rest(1), rest(2), rest(3)], &x, t);
-            } else {
-                for (k, t) in t.into_iter().enumerate() {
-                    for (c, x) in x.iter().enumerate().take(some) {
-                        for (t, l) in t.iter_mut().zip(rest(c)) {
-                            *t = l.mul_add(-x[k], *t);
-                        }
-                    }
-                }
-            }
+            start = end;
         }
         for k in 0..K {
             let t = &scratch.t[k * most..k * most + height];
@@ -327,36 +324,24 @@ impl Supernodes {
                 *t = x[row as usize];
             }
         }
-        let mut start = place.end;
-        for (j, some) in quads(width).rev() {
-            let (tall, end) = (height - j, j + some);
-            let columns = &values[start - some * tall..start];
-            start -= some * tall;
-            if fetches {
-                let before = start.saturating_sub(AHEAD);
-                fetch(&values[before.saturating_sub(columns.len())..before]);
+        let mut end = place.end;
+        for (j, some) in panels(width).rev() {
+            let start = end - some * (height - j);
+            let panel = Panel {
+                values,
+                place: start..end,
+                fetches,
+            };
+            let t = scratch.rows(most, j..height);
+            match some {
+                1 => panel.substitute::<S, 1, K>(simd, t),
+                2 => panel.substitute::<S, 2, K>(simd, t),
+                3 => panel.substitute::<S, 3, K>(simd, t),
+                4 => panel.substitute::<S, 4, K>(simd, t),
+                5 => panel.substitute::<S, 5, K>(simd, t),
+                _ => panel.substitute::<S, WIDEST, K>(simd, t),
             }
-            let rest = |c: usize| &columns[c * tall + some..(c + 1) * tall];
-            let t: [&[f64]; K] =
-                std::array::from_fn(|k| &scratch.t[k * most + end..k * most + height]);
-            let mut sums = [[0.0; K]; QUAD];
-            if some == QUAD {
-                sums = dots(simd, [rest(0), rest(1), rest(2), rest(3)], t);
-            } else {
-                for (c, sums) in sums.iter_mut().enumerate().take(some) {
-                    [*sums] = dots(simd, [rest(c)], t);
-                }
-            }
-            for c in (0..some).rev() {
-                for (k, sum) in sums[c].iter().enumerate() {
-                    let t = &mut scratch.t[k * most + j..k * most + end];
-                    let mut value = t[c] - sum;
-                    for after in c + 1..some {
-                        value = columns[c * tall + after].mul_add(-t[after], value);
-                    }
-                    t[c] = value / columns[c * tall + c];
-                }
-            }
+            end = start;
         }
         for k in 0..K {
             scratch.x[k * n + first..k * n + first + width]
@@ -388,16 +373,138 @@ struct Block<'a> {
     place: Range<usize>,
 }
 
-/// What there is of a range.
-fn part(values: &[f64], range: Range<usize>) -> &[f64] {
-    let last = values.len();
-    &values[range.start.min(last)..range.end.min(last)]
+/// First columns of a supernode's panels, and how many each has.
+fn panels(width: usize) -> impl DoubleEndedIterator<Item = (usize, usize)> + ExactSizeIterator {
+    let firsts = (0..width).step_by(WIDEST);
+    firsts.map(move |j| (j, WIDEST.min(width - j)))
 }
 
-/// First columns of a supernode that are taken together, and how many.
-fn quads(width: usize) -> impl DoubleEndedIterator<Item = (usize, usize)> + ExactSizeIterator {
-    let firsts = (0..width).step_by(QUAD);
-    firsts.map(move |j| (j, QUAD.min(width - j)))
+/// Appends `columns` of a supernode, each of so many rows (`height`), to `packed` as [`Panel`] has them; the first begins on the diagonal in
+/// the row `top`.
+fn pack_panel(columns: &[f64], height: usize, top: usize, packed: &mut Vec<f64>) {
+    let count = columns.len() / height;
+    let at = |row: usize, column: usize| columns[column * height + row];
+    for column in 0..count {
+        packed.extend((0..column).map(|_| 0.0));
+        packed.push(1.0 / at(top + column, column));
+        packed.extend((column + 1..count).map(|row| at(top + row, column)));
+    }
+    let below = top + count;
+    let left = (height - below) % LANES;
+    for row in (below..height - left).step_by(LANES) {
+        for column in 0..count {
+            packed.extend((row..row + LANES).map(|row| at(row, column)));
+        }
+    }
+    for row in height - left..height {
+        packed.extend((0..count).map(|column| at(row, column)));
+    }
+}
+
+/// Neighbouring columns of a supernode. Its values: the diagonal block column by column, with the reciprocals of the diagonal and zeros above it;
+/// then of [`LANES`] rows below at a time those of the first column, of the second, and so on; then what rows are left, one by one.
+struct Panel<'a> {
+    /// Of the whole factor, and where its own are.
+    values: &'a [f64],
+    place: Range<usize>,
+    /// Whether memory is asked for what comes next.
+    fetches: bool,
+}
+
+/// Values of a panel of C columns: of its diagonal block, of rows side by side, and of those that are left.
+type Parts<'a, const C: usize> = (&'a [[f64; C]], &'a [[[f64; LANES]; C]], &'a [[f64; C]]);
+
+impl Panel<'_> {
+    #[inline(always)]
+    fn parts<const C: usize>(&self) -> Parts<'_, C> {
+        let (rows, _) = self.values[self.place.clone()].as_chunks::<C>();
+        let (diagonal, below) = rows.split_at(C);
+        let (whole, left) = below.split_at(below.len() / LANES * LANES);
+        let (lanes, _) = whole.as_flattened().as_chunks::<LANES>();
+        (diagonal, lanes.as_chunks().0, left)
+    }
+
+    /// Asks for what is taken at a time of C columns, from a value on that may be beyond the last.
+    #[inline(always)]
+    fn fetch<const C: usize>(&self, first: usize) {
+        for line in (0..C * LANES).step_by(LINE) {
+            if let Some(value) = self.values.get(first + line) {
+                fetch_line(value);
+            }
+        }
+    }
+
+    /// Finds the panel's own unknowns and takes them out of the rows below; `t` are all these rows of each right-hand side.
+    #[inline(always)]
+    fn eliminate<S: Simd, const C: usize, const K: usize>(&self, simd: S, t: [&mut [f64]; K]) {
+        let (diagonal, whole, left) = self.parts::<C>();
+        for (k, t) in t.into_iter().enumerate() {
+            let (own, below) = t.split_at_mut(C);
+            let mut x = [0.0; C];
+            for c in 0..C {
+                let mut value = own[c];
+                for before in 0..c {
+                    value = diagonal[before][c].mul_add(-x[before], value);
+                }
+                x[c] = value * diagonal[c][c];
+            }
+            own.copy_from_slice(&x);
+            let factors = x.map(|x| [-x; LANES]);
+            let (below, last) = below.as_chunks_mut::<LANES>();
+            let mut ahead = self.place.start + AHEAD;
+            for (t, columns) in below.iter_mut().zip(whole) {
+                // What one right-hand side has asked for serves the others.
+                if self.fetches && k == 0 {
+                    self.fetch::<C>(ahead);
+                    ahead += C * LANES;
+                }
+                for (column, factor) in columns.iter().zip(&factors) {
+                    *t = mul_add(simd, *column, *factor, *t);
+                }
+            }
+            for (t, row) in last.iter_mut().zip(left) {
+                for (value, x) in row.iter().zip(&x) {
+                    *t = value.mul_add(-x, *t);
+                }
+            }
+        }
+    }
+
+    /// Finds the panel's own unknowns from those of the rows below; `t` are all these rows of each right-hand side.
+    #[inline(always)]
+    fn substitute<S: Simd, const C: usize, const K: usize>(&self, simd: S, t: [&mut [f64]; K]) {
+        let (diagonal, whole, left) = self.parts::<C>();
+        for (k, t) in t.into_iter().enumerate() {
+            let (own, below) = t.split_at_mut(C);
+            let (below, last) = below.as_chunks::<LANES>();
+            let mut sums = [[0.0; LANES]; C];
+            let mut ahead = self.place.end.saturating_sub(AHEAD);
+            for (t, columns) in below.iter().zip(whole).rev() {
+                if self.fetches && k == 0 {
+                    ahead = ahead.saturating_sub(C * LANES);
+                    self.fetch::<C>(ahead);
+                }
+                for (sum, column) in sums.iter_mut().zip(columns) {
+                    *sum = mul_add(simd, *column, *t, *sum);
+                }
+            }
+            let mut sums = sums.map(|[a, b, c, d]| (a + b) + (c + d));
+            for (t, row) in last.iter().zip(left) {
+                for (sum, value) in sums.iter_mut().zip(row) {
+                    *sum = value.mul_add(*t, *sum);
+                }
+            }
+            let mut x = [0.0; C];
+            for c in (0..C).rev() {
+                let mut value = own[c] - sums[c];
+                for after in (c + 1..C).rev() {
+                    value = diagonal[c][after].mul_add(-x[after], value);
+                }
+                x[c] = value * diagonal[c][c];
+            }
+            own.copy_from_slice(&x);
+        }
+    }
 }
 
 /// `a b + c`, lane by lane. Where the processor has registers of so many lanes they are named: what a compiler makes of a loop over them
@@ -412,64 +519,6 @@ fn mul_add<S: Simd>(simd: S, a: [f64; LANES], b: [f64; LANES], c: [f64; LANES]) 
         sum[lane] = a[lane].mul_add(b[lane], c[lane]);
     }
     sum
-}
-
-/// `t[k] -= sum of columns[c] x[c][k]`.
-#[inline(always)]
-fn subtract<S: Simd, const K: usize>(
-    simd: S,
-    columns: [&[f64]; QUAD],
-    x: &[[f64; K]; QUAD],
-    mut t: [&mut [f64]; K],
-) {
-    let count = columns[0].len() / LANES;
-    let wholes: [&[[f64; LANES]]; QUAD] = columns.map(|column| &column.as_chunks().0[..count]);
-    for (k, t) in t.iter_mut().enumerate() {
-        let factors = x.map(|x| [-x[k]; LANES]);
-        for (at, t) in t.as_chunks_mut().0[..count].iter_mut().enumerate() {
-            for (column, factor) in wholes.iter().zip(&factors) {
-                *t = mul_add(simd, column[at], *factor, *t);
-            }
-        }
-    }
-    for (k, t) in t.iter_mut().enumerate() {
-        for (i, t) in t.iter_mut().enumerate().skip(count * LANES) {
-            for (column, x) in columns.iter().zip(x) {
-                *t = column[i].mul_add(-x[k], *t);
-            }
-        }
-    }
-}
-
-/// Dot products of C columns with K vectors.
-#[inline(always)]
-fn dots<S: Simd, const C: usize, const K: usize>(
-    simd: S,
-    columns: [&[f64]; C],
-    t: [&[f64]; K],
-) -> [[f64; K]; C] {
-    let count = columns.first().map_or(0, |column| column.len() / LANES);
-    let column_chunks: [&[[f64; LANES]]; C] = columns.map(|column| &column.as_chunks().0[..count]);
-    let t_chunks: [&[[f64; LANES]]; K] = t.map(|t| &t.as_chunks().0[..count]);
-    let mut lanes = [[[0.0f64; LANES]; K]; C];
-    for at in 0..count {
-        for (lanes, column) in lanes.iter_mut().zip(&column_chunks) {
-            for (lanes, t) in lanes.iter_mut().zip(&t_chunks) {
-                *lanes = mul_add(simd, column[at], t[at], *lanes);
-            }
-        }
-    }
-    let mut sums = [[0.0; K]; C];
-    for c in 0..C {
-        for k in 0..K {
-            let [a, b, d, e] = lanes[c][k];
-            sums[c][k] = (a + b) + (d + e);
-            for i in count * LANES..columns[c].len() {
-                sums[c][k] = columns[c][i].mul_add(t[k][i], sums[c][k]);
-            }
-        }
-    }
-    sums
 }
 
 /// Both sweeps over all supernodes.

@@ -57,6 +57,7 @@ pub(crate) struct RefactorScratch {
     memory: Scratch,
     /// Of the next factor, so that one that fails leaves the last.
     values: Vec<f64>,
+    room: Vec<f64>,
 }
 
 impl Factor {
@@ -92,7 +93,8 @@ impl Factor {
         symbolic
             .cholesky
             .factor(pattern.lower(), values, &mut values_of_factor, &mut memory)?;
-        symbolic.supernodes.pack(&mut values_of_factor);
+        let room = &mut symbolic.supernodes.panel_room();
+        symbolic.supernodes.pack(&mut values_of_factor, room);
         Ok(Self {
             values: values_of_factor,
             symbolic: Arc::new(symbolic),
@@ -136,6 +138,7 @@ impl Factor {
         RefactorScratch {
             memory: self.symbolic.cholesky.factor_scratch(),
             values: vec![0.0; self.values.len()],
+            room: self.symbolic.supernodes.panel_room(),
         }
     }
 
@@ -149,13 +152,14 @@ impl Factor {
         let RefactorScratch {
             memory,
             values: next,
+            room,
         } = scratch;
         let Symbolic {
             cholesky,
             supernodes,
         } = &*self.symbolic;
         cholesky.factor(pattern.lower(), values, next, memory)?;
-        supernodes.pack(next);
+        supernodes.pack(next, room);
         std::mem::swap(&mut self.values, &mut scratch.values);
         Ok(())
     }
@@ -328,7 +332,7 @@ mod tests {
 
         let supernodes = Supernodes::new(&cholesky).expect("supernodes");
         assert!(supernodes.entries() < factor.len(), "nothing is left out");
-        supernodes.pack(&mut factor);
+        supernodes.pack(&mut factor, &mut supernodes.panel_room());
         factor.truncate(supernodes.entries());
 
         let near = |found: f64, expected: f64| (found - expected).abs() < 1e-15;
