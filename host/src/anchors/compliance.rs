@@ -44,22 +44,6 @@ impl Reached {
         of(self) < of(other)
     }
 
-    /// Displacement of `at` per force on this \[m/N\], whose columns must be there.
-    fn moves(&self, at: &Self, columns: &Columns) -> Matrix3<f64> {
-        let mut sum = [0.0; BLOCK];
-        for (pushed, weight) in self.parts() {
-            let column = columns.of(pushed);
-            for (vertex, share) in at.parts() {
-                let first = BLOCK * vertex as usize;
-                let part = share * weight;
-                for (sum, number) in sum.iter_mut().zip(&column[first..first + BLOCK]) {
-                    *sum += number * part;
-                }
-            }
-        }
-        Matrix3::from_column_slice(&sum)
-    }
-
     /// Adds a vertex; whether there is room.
     pub fn add(&mut self, vertex: u32, weight: f64) -> bool {
         let room = self.count < MOST_VERTICES;
@@ -69,6 +53,33 @@ impl Reached {
             self.count += 1;
         }
         room
+    }
+}
+
+/// Displacement of an anchor per force on another \[m/N\], column-major; the columns of the other's vertices must be there.
+struct Moves<'a> {
+    at: &'a Reached,
+    pushed: &'a Reached,
+    columns: &'a Columns,
+}
+
+impl WithSimd for Moves<'_> {
+    type Output = [f64; BLOCK];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _simd: S) -> [f64; BLOCK] {
+        let mut sum = [0.0; BLOCK];
+        for (pushed, weight) in self.pushed.parts() {
+            let column = self.columns.of(pushed);
+            for (vertex, share) in self.at.parts() {
+                let first = BLOCK * vertex as usize;
+                let part = share * weight;
+                for (sum, number) in sum.iter_mut().zip(&column[first..first + BLOCK]) {
+                    *sum += number * part;
+                }
+            }
+        }
+        sum
     }
 }
 
@@ -119,6 +130,7 @@ pub(super) struct Pairs {
     kept: u8,
     /// What unit forces of rows on several anchors move each anchor by, (anchors).
     moved: Vec<[f64; LANES]>,
+    also_moved: Vec<[f64; LANES]>,
     /// Of each row on one anchor that, and its direction.
     directions: Vec<(u32, [f64; LANES])>,
     arch: Arch,
@@ -141,6 +153,7 @@ impl Pairs {
             idle: vec![0; most],
             kept: 0,
             moved: vec![[0.0; LANES]; most],
+            also_moved: vec![[0.0; LANES]; most],
             arch: Arch::new(),
             directions: Vec::with_capacity(most_rows),
         }
@@ -233,16 +246,22 @@ impl Pairs {
                 let (Some(from), Some(to)) = (&self.held[one], &self.held[other]) else {
                     continue;
                 };
-                let (low, high, block) = if from.is_lower_than(to) {
-                    (one, other, from.moves(to, columns))
+                let (low, high, pushed, at) = if from.is_lower_than(to) {
+                    (one, other, from, to)
                 } else {
-                    (other, one, to.moves(from, columns))
+                    (other, one, to, from)
                 };
+                let block = self.arch.dispatch(Moves {
+                    at,
+                    pushed,
+                    columns,
+                });
                 let place = |from: usize, to: usize| BLOCK * (from * self.most + to);
                 let forth = &mut self.blocks[place(low, high)..][..BLOCK];
-                forth.copy_from_slice(block.as_slice());
+                forth.copy_from_slice(&block);
                 let back = &mut self.blocks[place(high, low)..][..BLOCK];
-                back.copy_from_slice(block.transpose().as_slice());
+                let transposed = Matrix3::from_row_slice(&block);
+                back.copy_from_slice(transposed.as_slice());
                 if other != one {
                     self.known[other].set(one as u32);
                 }
@@ -329,6 +348,7 @@ impl Pairs {
             first_row,
             spread,
             moved: &mut self.moved[..anchors],
+            also_moved: &mut self.also_moved[..anchors],
             w,
         });
         mirror(w, n);
@@ -355,15 +375,6 @@ impl<'a> Blocks<'a> {
         }
     }
 
-    /// Asks for what [`Self::moved`] will read, of those up to an anchor.
-    #[inline(always)]
-    fn fetch(self, anchor: usize, until: usize) {
-        for block in self.until(anchor, until) {
-            fetch_line(&block[0]);
-            fetch_line(&block[BLOCK - 1]);
-        }
-    }
-
     /// Blocks of an anchor with those up to another.
     #[inline(always)]
     fn until(self, anchor: usize, until: usize) -> impl Iterator<Item = &'a [f64]> {
@@ -376,20 +387,34 @@ impl<'a> Blocks<'a> {
         })
     }
 
-    /// What a force on an anchor moves each by, in their order, and a fourth number of no meaning.
+    /// Blocks of an anchor with all, in their order, each with a number of no meaning after it. What will be read for the `next` one is asked
+    /// for meanwhile: all at once would be more than a processor remembers.
     #[inline(always)]
-    fn moved(self, anchor: usize, force: [f64; 3]) -> impl Iterator<Item = [f64; LANES]> + 'a {
-        let first = self.slots[anchor] as usize * self.stride;
-        let blocks = &self.numbers[first..first + self.stride + LANES - 3];
+    fn of(self, anchor: usize, next: Option<usize>) -> impl Iterator<Item = &'a [f64]> {
+        let of_slot = move |anchor: usize| {
+            let first = self.slots[anchor] as usize * self.stride;
+            &self.numbers[first..first + self.stride + LANES - 3]
+        };
+        let (blocks, ahead) = (of_slot(anchor), next.map(of_slot));
         self.slots.iter().map(move |slot| {
             let first = BLOCK * *slot as usize;
-            let block = &blocks[first..first + BLOCK + LANES - 3];
-            std::array::from_fn(|lane| {
-                let [x, y, z] = [block[lane], block[lane + 3], block[lane + 6]];
-                x * force[0] + y * force[1] + z * force[2]
-            })
+            if let Some(ahead) = ahead {
+                fetch_line(&ahead[first]);
+                fetch_line(&ahead[first + BLOCK - 1]);
+            }
+            &blocks[first..first + BLOCK + LANES - 3]
         })
     }
+}
+
+/// What a force moves an anchor by, and a fourth number of no meaning; of one of [`Blocks::of`].
+#[inline(always)]
+fn moved_by(block: &[f64], force: &[f64; LANES]) -> [f64; LANES] {
+    let [fx, fy, fz, _] = *force;
+    std::array::from_fn(|lane| {
+        let [x, y, z] = [block[lane], block[lane + 3], block[lane + 6]];
+        x * fx + y * fy + z * fz
+    })
 }
 
 /// What [`Pairs::project`] does on the processor at hand.
@@ -401,6 +426,7 @@ struct Projection<'a> {
     spread: &'a Spread,
     /// What forces move each anchor by, (anchors).
     moved: &'a mut [[f64; LANES]],
+    also_moved: &'a mut [[f64; LANES]],
     w: &'a mut [f64],
 }
 
@@ -424,18 +450,34 @@ impl Projection<'_> {
     #[inline(always)]
     fn fill_single(&mut self) {
         let n = self.rows();
-        for (column, &(anchor, [x, y, z, _])) in self.directions.iter().enumerate() {
-            let anchor = anchor as usize;
-            if column == self.first_row[anchor] as usize && anchor + 1 < self.moved.len() {
-                self.blocks.fetch(anchor + 1, anchor + 1);
+        let anchors = self.moved.len();
+        for anchor in 0..anchors {
+            let [first, end] =
+                [self.first_row[anchor], self.first_row[anchor + 1]].map(|row| row as usize);
+            let mut next = (anchor + 1 < anchors).then_some(anchor + 1);
+            // Two at a time: a block that is read serves both.
+            for column in (first..end).step_by(2) {
+                let blocks = self.blocks.of(anchor, next.take());
+                let columns = &mut self.w[n * column..];
+                let one = self.directions[column].1;
+                if column + 1 < end {
+                    let other = self.directions[column + 1].1;
+                    for ((moved, also), block) in self.moved[..=anchor]
+                        .iter_mut()
+                        .zip(&mut *self.also_moved)
+                        .zip(blocks)
+                    {
+                        *moved = moved_by(block, &one);
+                        *also = moved_by(block, &other);
+                    }
+                    along(self.also_moved, &self.directions[..end], &mut columns[n..]);
+                } else {
+                    for (moved, block) in self.moved[..=anchor].iter_mut().zip(blocks) {
+                        *moved = moved_by(block, &one);
+                    }
+                }
+                along(self.moved, &self.directions[..end], columns);
             }
-            let all = self.blocks.moved(anchor, [x, y, z]);
-            for (moved, now) in self.moved[..=anchor].iter_mut().zip(all) {
-                *moved = now;
-            }
-            let until = self.first_row[anchor + 1] as usize;
-            let entries = &mut self.w[n * column..][..until];
-            along(self.moved, &self.directions[..until], entries);
         }
     }
 
@@ -455,11 +497,11 @@ impl Projection<'_> {
             }
             let mut changes = changes(known, terms).peekable();
             while let Some((anchor, change)) = changes.next() {
-                if let Some((next, _)) = changes.peek() {
-                    self.blocks.fetch(*next as usize, self.moved.len());
-                }
-                let all = self.blocks.moved(anchor as usize, change.into());
-                for (moved, more) in self.moved.iter_mut().zip(all) {
+                let next = changes.peek().map(|(next, _)| *next as usize);
+                let blocks = self.blocks.of(anchor as usize, next);
+                let force = [change.x, change.y, change.z, 0.0];
+                for (moved, block) in self.moved.iter_mut().zip(blocks) {
+                    let more = moved_by(block, &force);
                     *moved = std::array::from_fn(|lane| moved[lane] + more[lane]);
                 }
             }
@@ -482,12 +524,21 @@ impl Projection<'_> {
     }
 }
 
-/// How far `moved` anchors go along rows, into `entries`, (rows).
+/// How far `moved` anchors go along `rows`, into the first of `entries`, (rows).
 #[inline(always)]
 fn along(moved: &[[f64; LANES]], rows: &[(u32, [f64; LANES])], entries: &mut [f64]) {
-    for (entry, (anchor, direction)) in entries.iter_mut().zip(rows) {
+    let part = |(anchor, direction): &(u32, [f64; LANES])| -> [f64; LANES] {
         let moved = &moved[*anchor as usize];
-        let [x, y, z, _] = std::array::from_fn(|lane| moved[lane] * direction[lane]);
+        std::array::from_fn(|lane| moved[lane] * direction[lane])
+    };
+    let (entries, last) = entries[..rows.len()].as_chunks_mut::<LANES>();
+    let (rows, last_rows) = rows.as_chunks::<LANES>();
+    for (entries, rows) in entries.iter_mut().zip(rows) {
+        let parts = rows.each_ref().map(part);
+        *entries = std::array::from_fn(|row| parts[row][0] + parts[row][1] + parts[row][2]);
+    }
+    for (entry, row) in last.iter_mut().zip(last_rows) {
+        let [x, y, z, _] = part(row);
         *entry = x + y + z;
     }
 }
