@@ -141,24 +141,24 @@ impl Supernodes {
 
     /// Brings the values of a factor to where sweeps read them one after the other, see [`Panel`]; in place, by way of `room`, which
     /// [`Self::panel_room`] makes. What is beyond [`Self::entries`] has no meaning any more.
-    pub fn pack(&self, values: &mut [f64], room: &mut Vec<f64>) {
+    pub fn pack(&self, values: &mut [f64], room: &mut [f64]) {
         for s in 0..self.count() {
             let (width, height) = self.size(s);
             let (start, mut to) = (self.factor_start[s], self.value_start[s]);
             for (j, some) in panels(width) {
                 let columns = &values[start + j * height..start + (j + some) * height];
-                room.clear();
-                pack_panel(columns, height, j, room);
+                let packed = &mut room[..some * (height - j)];
+                pack_panel(columns, height, j, packed);
                 // Never beyond where it comes from.
-                values[to..to + room.len()].copy_from_slice(room);
-                to += room.len();
+                values[to..to + packed.len()].copy_from_slice(packed);
+                to += packed.len();
             }
         }
     }
 
     /// Room for the values of any panel.
     pub fn panel_room(&self) -> Vec<f64> {
-        Vec::with_capacity(WIDEST * self.most_height)
+        vec![0.0; WIDEST * self.most_height]
     }
 
     /// Columns and rows of a supernode.
@@ -379,25 +379,27 @@ fn panels(width: usize) -> impl DoubleEndedIterator<Item = (usize, usize)> + Exa
     firsts.map(move |j| (j, WIDEST.min(width - j)))
 }
 
-/// Appends `columns` of a supernode, each of so many rows (`height`), to `packed` as [`Panel`] has them; the first begins on the diagonal in
-/// the row `top`.
-fn pack_panel(columns: &[f64], height: usize, top: usize, packed: &mut Vec<f64>) {
+/// Brings `columns` of a supernode, each of so many rows (`height`), to where [`Panel`] has them; the first begins on the diagonal in the
+/// row `top`.
+fn pack_panel(columns: &[f64], height: usize, top: usize, packed: &mut [f64]) {
     let count = columns.len() / height;
-    let at = |row: usize, column: usize| columns[column * height + row];
-    for column in 0..count {
-        packed.extend((0..column).map(|_| 0.0));
-        packed.push(1.0 / at(top + column, column));
-        packed.extend((column + 1..count).map(|row| at(top + row, column)));
-    }
     let below = top + count;
     let left = (height - below) % LANES;
-    for row in (below..height - left).step_by(LANES) {
-        for column in 0..count {
-            packed.extend((row..row + LANES).map(|row| at(row, column)));
+    let (diagonal, rest) = packed.split_at_mut(count * count);
+    let (whole, last) = rest.split_at_mut(rest.len() - count * left);
+    let (whole, _) = whole.as_chunks_mut::<LANES>();
+    for (c, column) in columns.chunks_exact(height).enumerate() {
+        let own = &mut diagonal[count * c..count * (c + 1)];
+        own[..c].fill(0.0);
+        own[c..].copy_from_slice(&column[top + c..below]);
+        own[c] = 1.0 / own[c];
+        let (lanes, alone) = column[below..].as_chunks::<LANES>();
+        for (to, from) in whole.iter_mut().skip(c).step_by(count).zip(lanes) {
+            *to = *from;
         }
-    }
-    for row in height - left..height {
-        packed.extend((0..count).map(|column| at(row, column)));
+        for (to, from) in last.iter_mut().skip(c).step_by(count).zip(alone) {
+            *to = *from;
+        }
     }
 }
 
