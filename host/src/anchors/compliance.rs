@@ -128,8 +128,9 @@ pub(super) struct Pairs {
     idle: Vec<u8>,
     /// Looks through which these are held.
     kept: u8,
-    /// What unit forces of rows on several anchors move each anchor by, (anchors).
+    /// What a unit force of a row moves each anchor by, (anchors).
     moved: Vec<[f64; LANES]>,
+    /// As `moved`, of the row after that.
     also_moved: Vec<[f64; LANES]>,
     /// Of each row on one anchor that, and its direction.
     directions: Vec<(u32, [f64; LANES])>,
@@ -426,6 +427,7 @@ struct Projection<'a> {
     spread: &'a Spread,
     /// What forces move each anchor by, (anchors).
     moved: &'a mut [[f64; LANES]],
+    /// As `moved`, of the row after that.
     also_moved: &'a mut [[f64; LANES]],
     w: &'a mut [f64],
 }
