@@ -206,6 +206,7 @@ fn what_cannot_be_done_is_said_and_leaves_the_place() {
     let far = [(64, [0.0; 3])];
     let twice = [(3, [0.0; 3]), (3, [0.0; 3])];
     let few = [(0, [0.0; 3]), (1, [0.0; 3])];
+    let line = [0, 1, 2, 3].map(|node| (node, [0.0; 3]));
     for (name, mut tissue) in both() {
         let (held, _) = pressed([0.0, 0.0, -0.004]);
         let sound = BoundaryConditions {
@@ -214,7 +215,7 @@ fn what_cannot_be_done_is_said_and_leaves_the_place() {
         };
         tissue.step(&sound, 0.01);
         let before = tissue.positions_m().to_vec();
-        for held in [&nan[..], &far, &twice, &few, &[]] {
+        for held in [&nan[..], &far, &twice, &few, &line, &[]] {
             let drive = BoundaryConditions { held, force_n: &[] };
             let done = tissue.step(&drive, 0.01);
             assert!(

@@ -18,6 +18,10 @@ const MOST_VERTICES: usize = 8;
 const BLOCK: usize = 9;
 const LANES: usize = 4;
 
+/// Where what the terms of a row move cancels, as where a thread is straight, round-off is left, which may be negative: no row gives way less
+/// than so much of what its terms could.
+const ROUND_OFF: f64 = 1e-14;
+
 /// Anchors in a row that may have gone since the last time before one is looked for among all.
 const SKIPPED: usize = 6;
 
@@ -388,6 +392,16 @@ impl<'a> Blocks<'a> {
         })
     }
 
+    /// A row on several anchors gives way no more than this \[m/N\].
+    fn most_own(self, terms: &[Term]) -> f64 {
+        let each = terms.iter().map(|term| {
+            let slot = self.slots[term.anchor as usize] as usize;
+            let own = &self.numbers[slot * (self.stride + BLOCK)..][..BLOCK];
+            Vector3::from(term.direction).norm_squared() * (own[0] + own[4] + own[8])
+        });
+        terms.len() as f64 * each.sum::<f64>()
+    }
+
     /// Blocks of an anchor with all, in their order, each with a number of no meaning after it. What will be read for the `next` one is asked
     /// for meanwhile: all at once would be more than a processor remembers.
     #[inline(always)]
@@ -520,8 +534,9 @@ impl Projection<'_> {
                 });
                 *entry = parts.sum();
             }
+            let own = &mut self.w[(n + 1) * column];
             // What gives way besides the tissue.
-            self.w[(n + 1) * column] += row.compliance_m_per_n;
+            *own = own.max(ROUND_OFF * self.blocks.most_own(terms)) + row.compliance_m_per_n;
         }
     }
 }

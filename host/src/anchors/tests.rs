@@ -36,8 +36,9 @@ fn tissue() -> (TetMesh, Arc<LinearTissue>) {
     (mesh, tissue)
 }
 
-/// Two single rows and seven spread ones, on cells, faces and fixed nodes; one names an anchor twice and gives way, and three have
-/// what one of them has from one place on, as what a thread has beyond a place is.
+/// One, two and three single rows on an anchor and eight spread ones, on cells, faces and fixed nodes; one names an anchor twice and gives
+/// way, three have what one of them has from one place on, as what a thread has beyond a place is, and what the last moves cancels, as that
+/// of a straight thread does: it gives way, and next to nothing.
 #[test]
 fn spread_rows_give_way_as_products_with_the_inverse_say() {
     let (mesh, tissue) = tissue();
@@ -52,8 +53,15 @@ fn spread_rows_give_way_as_products_with_the_inverse_say() {
         (cell(last - 3), [0.0, 0.0, 0.0, 1.0]),
     ]
     .map(|(nodes, weights)| AnchorPoint { nodes, weights });
-    let single = [(0, [0.6, 0.0, 0.8]), (2, [0.0, 1.0, 0.0])];
-    let spread: [&[(usize, [f64; 3])]; 7] = [
+    let single = [
+        (0, [0.6, 0.0, 0.8]),
+        (0, [0.0, 1.0, 0.0]),
+        (1, [1.0, 0.0, 0.0]),
+        (1, [0.0, 0.8, 0.6]),
+        (1, [0.0, -0.6, 0.8]),
+        (2, [0.0, 1.0, 0.0]),
+    ];
+    let spread: [&[(usize, [f64; 3])]; 8] = [
         &[(0, [1.0, 0.0, 0.0]), (4, [-1.0, 0.0, 0.0])],
         &[
             (4, [0.0, 2.0, 0.5]),
@@ -79,14 +87,15 @@ fn spread_rows_give_way_as_products_with_the_inverse_say() {
             (4, [-0.5, 0.0, 1.0]),
         ],
         &[(4, [-0.5, 0.0, 1.0])],
+        &[(1, [0.0, 0.6, 0.8]), (1, [0.0, -0.6, -0.8])],
     ];
-    let softness = [0.0, 0.0, 0.125, 0.5, 0.0, 0.0, 0.0];
+    let softness = [0.0, 0.0, 0.125, 0.5, 0.0, 0.0, 0.0, 0.0];
 
     let settings = AnchorSettings {
-        most_rows: 2,
+        most_rows: single.len(),
         most_anchors: 5,
-        most_spread: 7,
-        most_terms: 24,
+        most_spread: 8,
+        most_terms: 26,
         ..AnchorSettings::default()
     };
     let resting = vec![0.0; tissue.unknowns()];
@@ -102,9 +111,10 @@ fn spread_rows_give_way_as_products_with_the_inverse_say() {
             .collect();
         ConstraintSystem::new(&body, grasp.motion(), &reached, settings).expect("free nodes")
     };
+    let mut id = 0..;
     let rows = single.map(|(anchor, direction)| PointConstraint {
-        id: anchor,
-        anchor: anchor as u32,
+        id: id.next().unwrap_or_default(),
+        anchor,
         kind: RowKind::Equality,
         direction,
         target_m: 0.25,
@@ -128,9 +138,10 @@ fn spread_rows_give_way_as_products_with_the_inverse_say() {
     system.begin_step();
     assert!(system.fetch(&body, &grasp, usize::MAX).all);
     system.assemble(&body, &grasp, &rows);
-    let found = system.compliance(9);
-    let targets_m = [0.25, 0.25, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5];
-    assert_eq!(system.delta_free_m(9), targets_m);
+    let count = single.len() + spread.len();
+    let found = system.compliance(count);
+    let targets_m = [0.25; 6].iter().chain(&[0.5; 8]).copied();
+    assert!(system.delta_free_m(count).iter().copied().eq(targets_m));
 
     let all: Vec<Vec<(usize, [f64; 3])>> = single
         .iter()
@@ -151,14 +162,14 @@ fn spread_rows_give_way_as_products_with_the_inverse_say() {
                     (0..3).map(|axis| u[axis] * load.force_n[axis]).sum::<f64>()
                 })
                 .sum();
-            let own = if row == column && row >= 2 {
-                softness[row - 2]
-            } else {
-                0.0
+            let own = match row.checked_sub(single.len()) {
+                Some(spread) if row == column => softness[spread],
+                _ => 0.0,
             };
-            let off = (found[9 * column + row] - along - own).abs();
+            let off = (found[count * column + row] - along - own).abs();
             assert!(off < 1e-12 * largest, "{row} {column}: {off:e}");
         }
+        assert!(found[(count + 1) * column] > 0.0, "{column}");
     }
 }
 

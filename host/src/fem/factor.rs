@@ -4,6 +4,7 @@
 //! One right-hand side, or few that are sparse, are solved by our own sweeps over the factor's supernodes.
 
 use super::error::TissueError;
+use super::held::largest;
 use super::pattern::Pattern;
 use crate::work;
 use std::sync::Arc;
@@ -45,6 +46,9 @@ pub(crate) struct Need {
 
 /// Said of a mesh that is too large.
 const FACTOR: &str = "the factor of its stiffness";
+
+/// So far tissue that is held is moved by forces whose norm is 1, at most, in units of the inverse of its largest stiffness.
+const MOST_MOVED: f64 = 1e12;
 
 /// Memory for solves.
 pub struct SolveScratch(SweepScratch<1>);
@@ -121,16 +125,23 @@ impl Factor {
     ) -> Result<Self, TissueError> {
         let floating = TissueError::Floating { fixed };
         let factor = Self::new(pattern, stiffness, need).map_err(|error| error.of_tissue(fixed))?;
-        // Round-off can hide a rigid motion from the factorisation. A solve cannot hide it: forces
-        // without symmetry move it by many orders more than the stiffness explains.
-        let mut u: Vec<f64> = (0..pattern.unknowns)
-            .map(|index| (index as f64).sin())
-            .collect();
-        factor.solve(&mut u, &mut factor.scratch());
-        let largest = |values: &[f64]| values.iter().fold(0.0f64, |most, x| most.max(x.abs()));
-        let sound = u.iter().all(|u| u.is_finite())
-            && largest(&u) * largest(stiffness) < 1e12 * pattern.unknowns as f64;
-        if sound { Ok(factor) } else { Err(floating) }
+        let mut work = vec![0.0; pattern.unknowns];
+        if factor.keeps(stiffness, &mut work, &mut factor.scratch()) {
+            Ok(factor)
+        } else {
+            Err(floating)
+        }
+    }
+
+    /// Whether the factored `stiffness` keeps tissue where it is. Round-off can hide a rigid motion from the factorisation, but not from a solve:
+    /// forces without symmetry, `work` (unknowns), move it by many orders more than the stiffness explains. How far grows as their norm does.
+    pub fn keeps(&self, stiffness: &[f64], work: &mut [f64], scratch: &mut SolveScratch) -> bool {
+        for (index, value) in work.iter_mut().enumerate() {
+            *value = (index as f64).sin();
+        }
+        self.solve(work, scratch);
+        work.iter().all(|u| u.is_finite())
+            && largest(work) * largest(stiffness) < MOST_MOVED * (work.len() as f64).sqrt()
     }
 
     /// As much memory as [`Self::new`] has found once already.

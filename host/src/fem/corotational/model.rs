@@ -6,7 +6,7 @@
 //! present place.
 
 use super::super::held::{Held, fault_of};
-use super::super::linear_model::{FLOATING, keeps, left_over, place, react};
+use super::super::linear_model::{FLOATING, left_over, place, react};
 use super::linearise::{add, dot};
 use super::{
     CorotationalState, CorotationalTissue, CorotationalWorkspace, Policy, TangentKind, TissueError,
@@ -97,7 +97,7 @@ impl CorotationalModel {
             workspace: tissue.workspace(),
             settings,
             rest_m: mesh.points_m().to_vec(),
-            held: Held::none(nodes),
+            held: Held::none(mesh),
             loads: empty.clone(),
             du: empty.clone(),
             start: empty.clone(),
@@ -340,9 +340,9 @@ impl Tissue for CorotationalModel {
         let others = self.held.take(drive);
         if others {
             self.tissue.update(&mut self.state, &mut self.workspace);
-            let held = self.refactor()
-                && keeps(
-                    &self.state.factor,
+            let held = !self.held.leaves_rigid_motion(&self.rest_m, drive)
+                && self.refactor()
+                && self.state.factor.keeps(
                     &self.workspace.stiffness,
                     &mut self.du,
                     &mut self.workspace.solve,
