@@ -139,8 +139,8 @@ impl Supernodes {
         self.value_start.last().copied().unwrap_or_default()
     }
 
-    /// Brings the values of a factor to where sweeps read them one after the other, see [`Panel`]; in place, by way of `room`, which
-    /// [`Self::panel_room`] makes. What is beyond [`Self::entries`] has no meaning any more.
+    /// Brings the values of a factor to where sweeps read them one after the other, a few columns of a supernode side by side; in place, by
+    /// way of `room`, which [`Self::panel_room`] makes. What is beyond [`Self::entries`] has no meaning any more.
     pub fn pack(&self, values: &mut [f64], room: &mut [f64]) {
         for s in 0..self.count() {
             let (width, height) = self.size(s);
