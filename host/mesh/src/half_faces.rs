@@ -160,6 +160,34 @@ impl HalfFaces {
         &self.cells
     }
 
+    /// Number of the connected body that each node belongs to, (n), in the order of their first cells, and how many there are: cells that share a
+    /// node are of one.
+    pub fn bodies(&self) -> (Vec<u32>, u32) {
+        const NONE: u32 = u32::MAX;
+        let mut body = vec![NONE; self.nodes()];
+        let mut waiting = Vec::new();
+        let mut count = 0;
+        for &[first, ..] in self.cells() {
+            if body[first as usize] != NONE {
+                continue;
+            }
+            body[first as usize] = count;
+            waiting.push(first);
+            while let Some(node) = waiting.pop() {
+                for cell in self.cells_of_vertex(node) {
+                    for other in self.cells()[cell as usize] {
+                        if body[other as usize] == NONE {
+                            body[other as usize] = count;
+                            waiting.push(other);
+                        }
+                    }
+                }
+            }
+            count += 1;
+        }
+        (body, count)
+    }
+
     /// The half-face opposite a corner, 0 to 3, of a cell.
     pub fn half_face(&self, cell: u32, corner: usize) -> Option<HalfFace> {
         let cell = cell as usize;

@@ -26,7 +26,7 @@ pub(super) struct Held {
 impl Held {
     /// None of the nodes of a mesh.
     pub fn none(mesh: &TetMesh) -> Self {
-        let (piece, pieces) = pieces_of(mesh);
+        let (piece, pieces) = mesh.half_faces().bodies();
         Self {
             is_held: vec![false; mesh.points_m().len()],
             held: 0,
@@ -108,38 +108,6 @@ impl Held {
             }
         }
     }
-}
-
-/// Which piece of tissue each node of a mesh belongs to, (n), and how many there are: those that share a node are one.
-fn pieces_of(mesh: &TetMesh) -> (Vec<u32>, u32) {
-    let nodes = mesh.points_m().len();
-    let mut lower: Vec<u32> = (0..nodes as u32).collect();
-    let root = |lower: &mut [u32], mut node: u32| {
-        while lower[node as usize] != node {
-            lower[node as usize] = lower[lower[node as usize] as usize];
-            node = lower[node as usize];
-        }
-        node
-    };
-    for &[first, ref others @ ..] in mesh.cells() {
-        for &other in others {
-            let (a, b) = (root(&mut lower, first), root(&mut lower, other));
-            lower[a.max(b) as usize] = a.min(b);
-        }
-    }
-    let mut pieces = 0;
-    let mut piece = vec![0; nodes];
-    for node in 0..nodes {
-        // The lowest node of a piece comes before all others.
-        let root = root(&mut lower, node as u32) as usize;
-        if root == node {
-            piece[node] = pieces;
-            pieces += 1;
-        } else {
-            piece[node] = piece[root];
-        }
-    }
-    (piece, pieces)
 }
 
 /// What is wrong with a drive for tissue of so many nodes.

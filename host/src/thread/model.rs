@@ -429,7 +429,7 @@ impl Threads {
         if strands.len() > MAX_STRANDS {
             return Err(ThreadError::TooManyStrands(strands.len()));
         }
-        let (bodies, count) = bodies(mesh);
+        let (bodies, count) = mesh.bodies();
         Ok(Self {
             parts: parts.to_vec(),
             needles,
@@ -529,31 +529,4 @@ fn check_numbers(part: &ThreadPart) -> Result<(), ThreadError> {
         }
     }
     Ok(())
-}
-
-/// Number of each node's connected body, and how many there are.
-pub(crate) fn bodies(mesh: &HalfFaces) -> (Vec<u32>, u32) {
-    const NONE: u32 = u32::MAX;
-    let mut body = vec![NONE; mesh.nodes()];
-    let mut seen = vec![false; mesh.cells().len()];
-    let mut count = 0;
-    for start in 0..mesh.cells().len() {
-        if seen[start] {
-            continue;
-        }
-        seen[start] = true;
-        let mut waiting = vec![start as u32];
-        while let Some(cell) = waiting.pop() {
-            for node in mesh.cells()[cell as usize] {
-                body[node as usize] = count;
-            }
-            for next in mesh.adjacent_cells(cell).into_iter().flatten() {
-                if !std::mem::replace(&mut seen[next as usize], true) {
-                    waiting.push(next);
-                }
-            }
-        }
-        count += 1;
-    }
-    (body, count)
 }
