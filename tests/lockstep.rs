@@ -7,8 +7,12 @@ use crate::support::sutura;
 use serde_json::Value;
 use std::ops::ControlFlow;
 use sutura_hil::NativeConsole;
-use sutura_host::link::Order;
-use sutura_host::session::{Progress, Rendering, Steer, Steered, Tuning, run_steered};
+use sutura_host::link::{LinkError, Order};
+use sutura_host::session::{
+    Progress, Rendering, SessionError, Steer, Steered, Tuning, run_lockstep, run_steered,
+};
+use sutura_shared::link::Mismatch;
+use sutura_shared::wire::Reject;
 use sutura_shared::wire::message::Mode;
 
 fn run(arguments: &[&str]) -> Value {
@@ -45,6 +49,32 @@ fn two_runs_give_one_trace_and_another_rate_gives_another() {
     assert_ne!(
         run(&["--host-hz", "100"])["trace_hash"],
         first["trace_hash"]
+    );
+}
+
+/// A console whose name nobody may print: why its answer is not taken is said, not that none came.
+#[test]
+fn an_answer_that_is_refused_is_no_silence() {
+    let mut plan = plan(0.1);
+    plan.device.name[..4].copy_from_slice(b"\x1b[1m");
+    let mut console = NativeConsole::new(&plan.device).unwrap();
+    let stop = |_: &Progress<'_>| ControlFlow::Continue(());
+    let error = run_lockstep(&mut console, &plan, &mut Plane, stop).unwrap_err();
+    let SessionError::Link(LinkError::Mismatch { mismatch, .. }) = &error else {
+        panic!("{error:?}");
+    };
+    assert_eq!(*mismatch, Mismatch::Unusable(Reject::Name));
+    let SessionError::Link(error) = error else {
+        unreachable!("looked at above");
+    };
+    assert!(
+        error.to_string().contains("a name is not plain UTF-8"),
+        "{error}"
+    );
+    assert!(
+        error.help().contains("`name` of 1 to 16"),
+        "{}",
+        error.help()
     );
 }
 

@@ -529,6 +529,38 @@ fn the_host_refuses_a_console_that_does_not_fit() {
     }
 }
 
+/// What the console says of itself is checked, and why it cannot be used is known until the next question.
+#[test]
+fn an_answer_that_cannot_be_used_says_why() {
+    let answer = Hello {
+        schema_hash: SCHEMA_HASH,
+        nonce: 5,
+        session: 9,
+        tick_hz: 1000,
+        max_frame: MAX_FRAME as u16,
+        simulated: false,
+        device_name: padded("\u{1b}[31mx"),
+        refusal: Refusal::None,
+    };
+    let mut host = HostLink::new(1000);
+    hello(&mut host, 5);
+    assert_eq!(host.unusable_answer(), None);
+    assert_eq!(hear(&mut host, &frame(0, 0, 0, &answer)), []);
+    // What else is refused meanwhile changes nothing: the console takes the session for open.
+    assert_eq!(hear(&mut host, &forge(&[PROTOCOL_VERSION, 2, 3])), []);
+    let mismatch = host.unusable_answer().unwrap();
+    assert_eq!(mismatch, Mismatch::Unusable(Reject::Name));
+    assert!(
+        mismatch.to_string().contains("a name is not plain UTF-8"),
+        "{mismatch}"
+    );
+    let question = hello(&mut host, 6);
+    assert_eq!(host.unusable_answer(), None);
+    // A line that echoes is none.
+    assert_eq!(hear(&mut host, &question), []);
+    assert_eq!(host.unusable_answer(), None);
+}
+
 /// A terminal that echoes must not make the console answer itself, nor the host.
 #[test]
 fn an_echo_is_refused_at_both_ends() {

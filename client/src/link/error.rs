@@ -6,6 +6,7 @@ use std::fmt;
 use std::path::Path;
 use std::time::Duration;
 use sutura_shared::link::{Mismatch, SendError};
+use sutura_shared::wire::Reject;
 
 /// Names of ports, as a sentence shows them.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -146,6 +147,10 @@ impl LinkError {
     /// What the user can do next.
     pub fn help(&self) -> String {
         match self {
+            LinkError::Mismatch {
+                mismatch: Mismatch::Unusable(Reject::Name),
+                ..
+            } => "give its device file a `name` of 1 to 16 letters, digits and `-`, and start it anew with that".to_owned(),
             LinkError::Mismatch { .. } if self.is_of_virtual() => {
                 "start the virtual console from the same build as this program: `sutura console`".to_owned()
             }

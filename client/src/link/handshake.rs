@@ -143,6 +143,9 @@ pub(super) fn shake_hands(
     if owned {
         return Err(LinkError::Owned { name });
     }
+    if let Some(mismatch) = lock(end).unusable_answer() {
+        return Err(LinkError::Mismatch { name, mismatch });
+    }
     let heard = match (heard, lock(end).counters().frames_rejected) {
         (0, _) => "nothing came".to_owned(),
         (_, 0) => format!("{heard} bytes came, no whole frame"),

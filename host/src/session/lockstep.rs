@@ -105,10 +105,13 @@ impl Line<'_> {
                 return Ok(console);
             }
         }
-        let what = format!("did not answer within {ANSWER_WITHIN} exchanges");
-        Err(LinkError::Console {
-            name: self.console.name().to_owned(),
-            what,
+        let name = self.console.name().to_owned();
+        Err(match self.end.unusable_answer() {
+            Some(mismatch) => LinkError::Mismatch { name, mismatch },
+            None => {
+                let what = format!("did not answer within {ANSWER_WITHIN} exchanges");
+                LinkError::Console { name, what }
+            }
         })
     }
 }

@@ -195,6 +195,13 @@ impl Endpoint {
         outcome.map_err(|reject| self.reject(reject)).ok()
     }
 
+    /// Why the frame that was examined last was refused, if it is a `Hello` of the other end: a line that echoes gives back one's own.
+    pub(super) fn refused_hello(&self) -> Option<Reject> {
+        let packet = self.accumulator.packet().ok()?;
+        let reject = hello_version(packet).and(self.counters.last_reject)?;
+        (reject != Reject::Direction).then_some(reject)
+    }
+
     /// Counts the owner's verdict on a message.
     pub(super) fn settle<T>(&mut self, verdict: Result<T, Reject>) -> Option<T> {
         match verdict {

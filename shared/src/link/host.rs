@@ -36,6 +36,8 @@ pub enum Mismatch {
     },
     /// The console gave no session although nothing differs.
     Refused,
+    /// The console's answer breaks the protocol's rules.
+    Unusable(Reject),
 }
 
 impl fmt::Display for Mismatch {
@@ -60,6 +62,12 @@ impl fmt::Display for Mismatch {
                 "the console takes frames of at most {console} bytes, this program's have up to {MAX_FRAME}"
             ),
             Mismatch::Refused => f.write_str("the console refused the session without a reason"),
+            Mismatch::Unusable(reject) => {
+                write!(
+                    f,
+                    "what the console says of itself cannot be used: {reject}"
+                )
+            }
         }
     }
 }
@@ -113,6 +121,8 @@ pub struct HostLink {
     tick_hz: u16,
     /// Nonce of the `Hello` that waits for its answer.
     asked: Option<u32>,
+    /// Why an answer to it was not taken.
+    refused: Option<Reject>,
 }
 
 impl HostLink {
@@ -122,6 +132,7 @@ impl HostLink {
             endpoint: Endpoint::new(Direction::ToHost, Checks::ALL),
             tick_hz,
             asked: None,
+            refused: None,
         }
     }
 
@@ -134,7 +145,7 @@ impl HostLink {
     /// [`EncodeError`]: never, see there.
     pub fn hello(&mut self, nonce: u32, out: &mut [u8; MAX_FRAME]) -> Result<usize, EncodeError> {
         self.endpoint.open(0);
-        self.asked = Some(nonce);
+        (self.asked, self.refused) = (Some(nonce), None);
         let hello = Hello {
             schema_hash: SCHEMA_HASH,
             nonce,
@@ -153,7 +164,13 @@ impl HostLink {
         if !self.endpoint.take_in(&mut &[byte][..]) {
             return None;
         }
-        match self.endpoint.examine(None)? {
+        let Some(received) = self.endpoint.examine(None) else {
+            if self.asked.is_some() {
+                self.refused = self.endpoint.refused_hello().or(self.refused);
+            }
+            return None;
+        };
+        match received {
             Received::OtherVersion(console) => {
                 self.asked.take()?;
                 Some(HostEvent::Refused(Mismatch::Version { console }))
@@ -257,6 +274,11 @@ impl HostLink {
     /// Sequence of the last frame sent; [`State::contact_sequence`] echoes a contact's.
     pub fn sent_sequence(&self) -> u32 {
         self.endpoint.sent_sequence()
+    }
+
+    /// Why an answer to the `Hello` that still waits for one could not be used, if one came.
+    pub fn unusable_answer(&self) -> Option<Mismatch> {
+        self.refused.map(Mismatch::Unusable)
     }
 
     /// Counts since this session's `Hello`; before the first session, since the link was made.
