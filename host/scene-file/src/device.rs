@@ -62,6 +62,8 @@ pub struct PrismaticSection {
     pub coulomb_n: Spanned<f64>,
     /// Mass that this joint's gravity compensation carries; matters along z only.
     pub carried_mass_kg: Spanned<f64>,
+    /// Coordinates of its two stops \[m\], (2): a scene's way points beyond them are warned of.
+    pub travel_m: Option<Spanned<[f64; 2]>>,
 }
 
 /// `[serial_arm]`: yaw, shoulder, elbow.
@@ -105,6 +107,8 @@ pub struct RevoluteSection {
     pub damping_nm_s_per_rad: Spanned<f64>,
     /// Friction, for the virtual console \[N m\].
     pub coulomb_nm: Spanned<f64>,
+    /// Coordinates of its two stops \[rad\], (2): a scene's way points beyond them are warned of.
+    pub travel_rad: Option<Spanned<[f64; 2]>>,
 }
 
 impl DeviceFile {

@@ -4,10 +4,14 @@
 //! What the numbers mean to the control loop: [`sutura_shared::device`].
 
 use super::document::{Document, SceneError, nearest};
+use std::ops::Range;
 use std::path::Path;
 use sutura_scene_file::device::{DeviceFile, PrismaticSection, RevoluteSection};
 use sutura_shared::control::TICK_HZ;
-use sutura_shared::device::{DeviceDescription, JOINTS, Joint, Kinematics, MAX_ACTUATION_DELAY_US};
+use sutura_shared::device::{
+    DeviceDescription, DeviceError, JOINTS, Joint, Kinematics, MAX_ACTUATION_DELAY_US,
+};
+use sutura_shared::wire::validate;
 use toml::Spanned;
 
 /// A console, as its file has it.
@@ -17,6 +21,8 @@ pub struct Device {
     pub description: DeviceDescription,
     /// Frames of 24 rows and their contacts that its board has time for in a second \[Hz\]; none if the file does not say.
     pub board_rows_hz: Option<f64>,
+    /// Lowest and highest coordinate of each joint between its stops \[m or rad\], (3); none if the file does not say.
+    pub travel: [Option<[f64; 2]>; JOINTS],
 }
 
 /// Devices that are known by name wherever the program runs.
@@ -89,31 +95,26 @@ pub fn built_in_device() -> Result<Device, SceneError> {
 pub fn read_device(document: &Document) -> Result<Device, SceneError> {
     let file = DeviceFile::read(document.text()).map_err(|error| document.unread(&error))?;
     let c = Check(document);
-    let mut name = [0; 16];
-    let written = file.name.get_ref().as_bytes();
-    if written.is_empty() || written.len() > name.len() {
-        let message = format!("name `{}`: must have 1 to 16 bytes", file.name.get_ref());
-        let help = "the name travels in fixed fields of the handshake";
-        return Err(document.flaw(file.name.span(), message, "1 to 16 bytes", Some(help)));
-    }
-    name[..written.len()].copy_from_slice(written);
+    let name = read_name(document, &file.name)?;
     let max_force_n = c.positive("max_force_n", &file.max_force_n)?;
     let max_power_w = c.positive("max_power_w", &file.max_power_w)?;
     let max_grip_speed_m_per_s =
         c.positive("max_grip_speed_m_per_s", &file.max_grip_speed_m_per_s)?;
     let actuation_delay_us = c.delay("actuation_delay_us", &file.actuation_delay_us)?;
     let board_rows_hz = c.rows_hz("board_rows_hz", file.board_rows_hz.as_ref())?;
-    let (kinematics, joints, gravity_mass_kg) = match (file.cartesian, file.serial_arm) {
+    let (kinematics, joints, gravity_mass_kg, travel) = match (&file.cartesian, &file.serial_arm) {
         (Some(section), None) => {
-            let section = section.into_inner();
+            let section = section.get_ref();
             let kinematics = Kinematics::Cartesian {
                 origin_m: c.vector("origin_m", &section.origin_m)?,
             };
             let (joints, gravity_mass_kg) = prismatic(&c, &section.joint)?;
-            (kinematics, joints, gravity_mass_kg)
+            let each = c.three(&section.joint)?.each_ref();
+            let travel = c.travel("travel_m", each.map(|joint| joint.travel_m.as_ref()))?;
+            (kinematics, joints, gravity_mass_kg, travel)
         }
         (None, Some(section)) => {
-            let section = section.into_inner();
+            let section = section.get_ref();
             let kinematics = Kinematics::SerialArm {
                 shoulder_m: c.vector("shoulder_m", &section.shoulder_m)?,
                 upper_m: c.positive("upper_m", &section.upper_m)?,
@@ -125,11 +126,15 @@ pub fn read_device(document: &Document) -> Result<Device, SceneError> {
                 c.not_negative("grip_mass_kg", &section.grip_mass_kg)?,
             ];
             let joints = revolute(&c, &section.joint)?;
-            (kinematics, joints, gravity_mass_kg)
+            let each = c.three(&section.joint)?.each_ref();
+            let travel = c.travel("travel_rad", each.map(|joint| joint.travel_rad.as_ref()))?;
+            (kinematics, joints, gravity_mass_kg, travel)
         }
         (first, second) => {
             let both = first.is_some() && second.is_some();
-            let span = second.map_or_else(|| file.name.span(), |s| s.span());
+            let span = second
+                .as_ref()
+                .map_or_else(|| file.name.span(), Spanned::span);
             let message = if both {
                 "two kinds of kinematics"
             } else {
@@ -139,19 +144,171 @@ pub fn read_device(document: &Document) -> Result<Device, SceneError> {
             return Err(document.flaw(span, message, "one section is needed", Some(help)));
         }
     };
+    let description = DeviceDescription {
+        name,
+        kinematics,
+        joints,
+        gravity_mass_kg,
+        max_force_n,
+        max_power_w,
+        max_grip_speed_m_per_s,
+        actuation_delay_us,
+    };
+    description
+        .validate()
+        .map_err(|error| unusable(document, &file, error))?;
     Ok(Device {
-        description: DeviceDescription {
-            name,
-            kinematics,
-            joints,
-            gravity_mass_kg,
-            max_force_n,
-            max_power_w,
-            max_grip_speed_m_per_s,
-            actuation_delay_us,
-        },
+        description,
         board_rows_hz,
+        travel,
     })
+}
+
+/// The name, padded with zeros as it travels.
+fn read_name(document: &Document, said: &Spanned<String>) -> Result<[u8; 16], SceneError> {
+    let mut name = [0; 16];
+    let (text, written) = (said.get_ref(), said.get_ref().as_bytes());
+    let help = "the name travels in fixed fields of the handshake";
+    if written.is_empty() || written.len() > name.len() {
+        let message = format!("name `{}`: must have 1 to 16 bytes", text.escape_debug());
+        return Err(document.flaw(said.span(), message, "1 to 16 bytes", Some(help)));
+    }
+    name[..written.len()].copy_from_slice(written);
+    // What zeros at its end would stand for is gone on the wire.
+    if validate::name(&name) != Ok(text) {
+        let message = format!(
+            "name `{}`: must have no control characters",
+            text.escape_debug()
+        );
+        let help = "consoles refuse it: it is printed on terminals; take letters, digits and `-`";
+        return Err(document.flaw(said.span(), message, "a control character", Some(help)));
+    }
+    Ok(name)
+}
+
+/// What no console can compute with, at its key.
+fn unusable(document: &Document, file: &DeviceFile, error: DeviceError) -> SceneError {
+    let keys = keys(file);
+    let is_it = |key: &&Key| key.field == error.field && key.joint == error.joint;
+    // What is said of all joints together stands at the first.
+    let first = |key: &&Key| key.field == error.field;
+    let found = keys.iter().find(is_it).or(keys.iter().find(first));
+    let (name, value, span) = match found {
+        Some(key) => (key.name, key.value.clone(), key.span.clone()),
+        None => (error.field, String::new(), file.name.span()),
+    };
+    let message = format!("{name}{value}: must be {}", error.rule);
+    let help = "no console computes with that: see the device's data sheets, the unit is in the key's name";
+    document.flaw(span, message, format!("must be {}", error.rule), Some(help))
+}
+
+/// A key of a device file that becomes a field of its description.
+struct Key {
+    field: &'static str,
+    joint: Option<u8>,
+    name: &'static str,
+    /// ` = ` and what it says; nothing of a vector.
+    value: String,
+    span: Range<usize>,
+}
+
+impl Key {
+    fn of(field: &'static str, name: &'static str, said: &Spanned<f64>) -> Self {
+        Self {
+            field,
+            joint: None,
+            name,
+            value: format!(" = {}", said.get_ref()),
+            span: said.span(),
+        }
+    }
+
+    fn place(field: &'static str, said: &Spanned<[f64; 3]>) -> Self {
+        Self {
+            field,
+            joint: None,
+            name: field,
+            value: String::new(),
+            span: said.span(),
+        }
+    }
+
+    fn of_joint(self, index: u8) -> Self {
+        Self {
+            joint: Some(index),
+            ..self
+        }
+    }
+}
+
+/// All of them; masses before all that concerns a joint alone, since a description says of them together what is wrong.
+fn keys(file: &DeviceFile) -> Vec<Key> {
+    let mut keys = vec![
+        Key::of("max_force_n", "max_force_n", &file.max_force_n),
+        Key::of("max_power_w", "max_power_w", &file.max_power_w),
+        Key::of(
+            "max_grip_speed_m_per_s",
+            "max_grip_speed_m_per_s",
+            &file.max_grip_speed_m_per_s,
+        ),
+    ];
+    // The heaviest, of which the limit is one for all.
+    let heaviest = |masses: Vec<(&'static str, &Spanned<f64>)>| {
+        let masses = masses.into_iter();
+        let most = masses.max_by(|a, b| a.1.get_ref().total_cmp(b.1.get_ref()));
+        most.map(|(name, mass)| Key::of("gravity_mass_kg", name, mass))
+    };
+    if let Some(section) = file.cartesian.as_ref().map(Spanned::get_ref) {
+        keys.push(Key::place("origin_m", &section.origin_m));
+        let joints = section.joint.get_ref();
+        let masses = joints
+            .iter()
+            .map(|j| ("carried_mass_kg", &j.carried_mass_kg));
+        keys.extend(heaviest(masses.collect()));
+        for (index, j) in (0u8..).zip(joints) {
+            let own = [
+                Key::of("counts_per_unit", "counts_per_m", &j.counts_per_m),
+                Key::of("effort_per_amp", "force_n_per_a", &j.force_n_per_a),
+                Key::of("max_current_a", "max_current_a", &j.max_current_a),
+                Key::of("max_slew_per_s", "max_slew_n_per_s", &j.max_slew_n_per_s),
+                Key::of("max_speed_per_s", "max_speed_m_per_s", &j.max_speed_m_per_s),
+                Key::of("inertia", "mass_kg", &j.mass_kg),
+                Key::of("damping", "damping_n_s_per_m", &j.damping_n_s_per_m),
+                Key::of("coulomb", "coulomb_n", &j.coulomb_n),
+            ];
+            keys.extend(own.map(|key| key.of_joint(index)));
+        }
+    }
+    if let Some(section) = file.serial_arm.as_ref().map(Spanned::get_ref) {
+        keys.extend([
+            Key::place("shoulder_m", &section.shoulder_m),
+            Key::of("upper_m", "upper_m", &section.upper_m),
+            Key::of("fore_m", "fore_m", &section.fore_m),
+        ]);
+        let masses = vec![
+            ("elbow_mass_kg", &section.elbow_mass_kg),
+            ("grip_mass_kg", &section.grip_mass_kg),
+        ];
+        keys.extend(heaviest(masses));
+        for (index, j) in (0u8..).zip(section.joint.get_ref()) {
+            let own = [
+                Key::of("counts_per_unit", "counts_per_rad", &j.counts_per_rad),
+                Key::of("effort_per_amp", "torque_nm_per_a", &j.torque_nm_per_a),
+                Key::of("max_current_a", "max_current_a", &j.max_current_a),
+                Key::of("max_slew_per_s", "max_slew_nm_per_s", &j.max_slew_nm_per_s),
+                Key::of(
+                    "max_speed_per_s",
+                    "max_speed_rad_per_s",
+                    &j.max_speed_rad_per_s,
+                ),
+                Key::of("inertia", "inertia_kg_m2", &j.inertia_kg_m2),
+                Key::of("damping", "damping_nm_s_per_rad", &j.damping_nm_s_per_rad),
+                Key::of("coulomb", "coulomb_nm", &j.coulomb_nm),
+            ];
+            keys.extend(own.map(|key| key.of_joint(index)));
+        }
+    }
+    keys
 }
 
 fn prismatic(
@@ -258,6 +415,28 @@ impl Check<'_> {
         Ok(self.0.finite(key, value)?.map(|v| v as f32))
     }
 
+    /// Stops of the joints, the lower one first.
+    fn travel(
+        &self,
+        key: &str,
+        values: [Option<&Spanned<[f64; 2]>>; JOINTS],
+    ) -> Result<[Option<[f64; 2]>; JOINTS], SceneError> {
+        let mut travel = [None; JOINTS];
+        for (travel, value) in travel.iter_mut().zip(values) {
+            let Some(value) = value else {
+                continue;
+            };
+            let [low, high] = self.0.finite(key, value)?;
+            if low >= high {
+                let message = format!("{key} = [{low}, {high}]: the lower stop comes first");
+                let help = "the joint's coordinates at its two stops, in the unit of the key";
+                return Err(self.0.flaw(value.span(), message, "no travel", Some(help)));
+            }
+            *travel = Some([low, high]);
+        }
+        Ok(travel)
+    }
+
     fn three<'s, T>(&self, sections: &'s Spanned<Vec<T>>) -> Result<&'s [T; JOINTS], SceneError> {
         sections.get_ref().as_slice().try_into().map_err(|_| {
             let message = format!(
@@ -316,6 +495,98 @@ mod tests {
         let (message, help) = complaint(&text.replacen("coulomb_n ", "coulomb_nm ", 1));
         assert!(message.contains("unknown key `coulomb_nm`"), "{message}");
         assert!(help.contains("did you mean `coulomb_n`"), "{help}");
+    }
+
+    /// What a console refuses of a name is refused at the key, and said without steering a terminal.
+    #[test]
+    fn names_that_a_console_refuses_are_refused_at_the_key() {
+        let text = built_in("cartesian-bench");
+        for (name, said) in [
+            ("\\u001b[31mx", "control characters"),
+            ("a\\tb", "control characters"),
+            ("bench\\u0000", "control characters"),
+            ("", "1 to 16 bytes"),
+            ("seventeen-letters", "1 to 16 bytes"),
+        ] {
+            let named = text.replacen("\"cartesian-bench\"", &format!("\"{name}\""), 1);
+            let (message, _) = complaint(&named);
+            assert!(
+                message.starts_with("name `") && message.contains(said),
+                "{message}"
+            );
+            assert!(!message.chars().any(char::is_control), "{message:?}");
+        }
+        let named = text.replacen("\"cartesian-bench\"", "\"Prüfstand 2\"", 1);
+        read_device(&Document::embedded("device.toml", Path::new(""), &named)).expect("a name");
+    }
+
+    /// Every number of a device file, far too large, far too small, at nothing and with the other sign: it is refused at its place, or a
+    /// console takes the device.
+    #[test]
+    fn what_is_read_a_console_takes() {
+        use sutura_shared::wire::Message;
+        use sutura_shared::wire::message::Simulate;
+        let (mut refused, mut taken) = (0, 0);
+        let mut check = |name: &str, text: &str, place: Range<usize>, changed: f64| {
+            let edited = format!("{}{changed:?}{}", &text[..place.start], &text[place.end..]);
+            let read = read_device(&Document::embedded(name, Path::new(""), &edited));
+            match read {
+                Ok(device) => {
+                    taken += 1;
+                    let simulated = Simulate::Device(device.description);
+                    assert_eq!(
+                        simulated.check(),
+                        Ok(()),
+                        "{changed} in {name} at {place:?}"
+                    );
+                    assert_eq!(device.description.validate(), Ok(()));
+                }
+                Err(SceneError::Flaw(_)) => refused += 1,
+                Err(other) => panic!("{other}"),
+            }
+        };
+        for (name, text) in BUILT_IN {
+            let mut offset = 0;
+            for line in text.lines() {
+                let start = offset;
+                offset += line.len() + 1;
+                let Some((_, value)) = line.split_once(" = ") else {
+                    continue;
+                };
+                let Ok(number) = value.parse::<f64>() else {
+                    continue;
+                };
+                let place = start + line.len() - value.len();
+                for changed in [1e-12, 1e-3, 1e3, 1e12].map(|times| times * number) {
+                    check(name, text, place..place + value.len(), changed);
+                }
+                for changed in [0.0, -number] {
+                    check(name, text, place..place + value.len(), changed);
+                }
+            }
+        }
+        assert!(
+            refused > 50 && taken > 50,
+            "{refused} refused, {taken} taken"
+        );
+    }
+
+    #[test]
+    fn stops_are_two_numbers_in_order() {
+        let text = built_in("cartesian-bench");
+        let device = read_device(&Document::embedded("device.toml", Path::new(""), &text));
+        assert_eq!(device.expect("good").travel, [Some([-0.11, 0.11]); 3]);
+        let (message, _) = complaint(&text.replacen("[-0.11, 0.11]", "[0.11, -0.11]", 1));
+        assert_eq!(
+            message,
+            "travel_m = [0.11, -0.11]: the lower stop comes first"
+        );
+        let arm = read_device(&Document::embedded(
+            "arm.toml",
+            Path::new(""),
+            &built_in("serial-arm"),
+        ));
+        assert_eq!(arm.expect("good").travel, [None; 3]);
     }
 
     #[test]
