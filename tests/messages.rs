@@ -345,7 +345,7 @@ fn unlikely_units_are_told_with_place_limit_and_factor() {
         (
             "size_m = [0.04, 0.04, 0.02]",
             "size_m = [40.0, 40.0, 20.0]",
-            "4:",
+            "5:",
             &[
                 "the body is 40.0 m in size, larger than 2.0 m",
                 "times 0.001 it is 40.0 mm",
@@ -354,9 +354,10 @@ fn unlikely_units_are_told_with_place_limit_and_factor() {
         (
             "size_m = [0.04, 0.04, 0.02]",
             "size_m = [0.0004, 0.0004, 0.00002]",
-            "4:",
+            "5:",
             &[
                 "400.0 um in size, smaller than 2.0 mm",
+                "the body is 20.0 um thick, thinner than 100.0 um",
                 "times 1000 it is 400.0 mm",
             ],
         ),
@@ -408,7 +409,7 @@ fn unlikely_units_are_told_with_place_limit_and_factor() {
     );
     let ran = check(at, &long);
     for words in [
-        "200.0 m long, larger than 2.0 m",
+        "`length_m`: a length of 200.0 m, larger than 2.0 m",
         "times 0.001 it is 200.0 mm",
         "scene.toml:18:",
     ] {

@@ -27,20 +27,27 @@ pub const LEAST_RADIUS_IN_EDGES: f64 = 3.0;
 /// Radius in mean boundary edges with which the mesh hardly matters.
 pub const ACCURATE_RADIUS_IN_EDGES: f64 = 4.0;
 
+/// Least radius in mean boundary edges of which the error is measured.
+pub const LEAST_MEASURED_IN_EDGES: f64 = 0.5;
+
 /// Error of the force of a ball against an independent value \[%\], by its radius in mean boundary edges: over 20 places of
 /// a cell, pressed in by a sixth and by a half of the radius, the root of the mean square and the largest, each the
 /// larger of both depths. A ball of less than an edge counts as one of an edge. Measured by
 /// `host/tests/contact/small.rs`.
 const MEASURED: [(f64, [f64; 2]); 4] = [
-    (0.5, [2840.0, 3050.0]),
+    (LEAST_MEASURED_IN_EDGES, [2840.0, 3050.0]),
     (1.0, [44.0, 100.0]),
     (2.0, [7.5, 16.0]),
     (ACCURATE_RADIUS_IN_EDGES, [2.0, 3.5]),
 ];
 
 /// Measured error of a tool's force \[%\] for a radius of so many mean boundary edges: the root of the mean square over
-/// places on a mesh, and the largest. Straight between what was measured, by logarithms, and the same beyond.
-pub fn measured_error_percent(radius_in_edges: f64) -> [f64; 2] {
+/// places on a mesh, and the largest. Straight between what was measured, by logarithms, and the same above; none below
+/// [`LEAST_MEASURED_IN_EDGES`], of which nothing was measured.
+pub fn measured_error_percent(radius_in_edges: f64) -> Option<[f64; 2]> {
+    if radius_in_edges.is_nan() || radius_in_edges < LEAST_MEASURED_IN_EDGES {
+        return None;
+    }
     let (mut below, mut above) = (MEASURED[0], MEASURED[0]);
     for next in MEASURED {
         (below, above) = (above, next);
@@ -54,10 +61,10 @@ pub fn measured_error_percent(radius_in_edges: f64) -> [f64; 2] {
     } else {
         1.0
     };
-    [0, 1].map(|place| {
+    Some([0, 1].map(|place| {
         let (from, to) = (below.1[place].ln(), above.1[place].ln());
         (from + part * (to - from)).exp()
-    })
+    }))
 }
 
 /// Everything that does not change while a scene runs.
@@ -222,22 +229,31 @@ impl fmt::Display for Warning {
             radius_m,
             mean_edge_m,
         } = *self;
-        let [error, largest] = measured_error_percent(radius_m / mean_edge_m);
+        let in_edges = radius_m / mean_edge_m;
         write!(
             f,
-            "tool {id} has a radius of {:.2} mm, {:.1} mean edges of the mesh of {:.2} mm: the force of a ball like \
-             that has a measured error of {error:.0} %, {largest:.0} % where it is largest{}; with {:.2} mm or a finer \
-             mesh it is {:.0} %",
+            "tool {id} has a radius of {:.2} mm, {in_edges:.1} mean edges of the mesh of {:.2} mm: ",
             1e3 * radius_m,
-            radius_m / mean_edge_m,
             1e3 * mean_edge_m,
-            if radius_m < mean_edge_m {
-                ", and below one edge it is as if it had one"
-            } else {
-                ""
-            },
+        )?;
+        match measured_error_percent(in_edges) {
+            Some([error, largest]) => write!(
+                f,
+                "the force of a ball like that has a measured error of {error:.0} %, {largest:.0} % where it is largest"
+            )?,
+            None => write!(
+                f,
+                "of less than {LEAST_MEASURED_IN_EDGES} edges nobody has measured how wrong the force is"
+            )?,
+        }
+        if in_edges < 1.0 {
+            f.write_str(", and below one edge it is as if it had one")?;
+        }
+        let [accurate, _] = measured_error_percent(ACCURATE_RADIUS_IN_EDGES).unwrap_or_default();
+        write!(
+            f,
+            "; with {:.2} mm or a finer mesh the measured error is {accurate:.0} %",
             1e3 * ACCURATE_RADIUS_IN_EDGES * mean_edge_m,
-            measured_error_percent(ACCURATE_RADIUS_IN_EDGES)[0],
         )
     }
 }

@@ -3,12 +3,15 @@
 //! Entry points: [`hand_script`] (what a simulated console is sent) and [`position_at`] (the path by
 //! itself, for solves without a console).
 
-use super::document::{Document, SceneError};
+use super::Device;
+use super::document::{Document, Flaw, SceneError};
+use super::units::length;
+use nalgebra::Vector3;
 use sutura_scene_file::scene::HandSection;
 use sutura_shared::device::{DeviceDescription, JOINTS, Kinematics};
 use sutura_shared::virtual_console::path;
 use sutura_shared::wire::message::{HandScript, WAY_POINTS, WayPoint};
-use sutura_shared::wire::validate::{MAX_HAND_DAMPING, MAX_HAND_STIFFNESS, MAX_POSITION};
+use sutura_shared::wire::validate::{MAX_HAND_DAMPING, MAX_HAND_STIFFNESS, MAX_POSITION, name};
 use toml::Spanned;
 
 /// Checks the `[hand]` section and places the device's joints at its first way point.
@@ -84,6 +87,133 @@ pub fn hand_script(
     })
 }
 
+/// Parts of a straight way at which its joints are looked at.
+const LOOKS: u32 = 32;
+/// Highest speed of a way with minimum jerk over its mean speed (Flash and Hogan 1985).
+const PEAK_SPEED: f64 = 15.0 / 8.0;
+
+/// Warnings of a hand that leads its console beyond the stops of its joints, or faster than it allows: one of each kind, at the
+/// first such way point.
+pub(super) fn beyond_device(
+    document: &Document,
+    section: &HandSection,
+    device: &Device,
+) -> Vec<Flaw> {
+    let travel = beyond_travel(document, section, device);
+    let speed = beyond_speed(document, section, device);
+    travel.into_iter().chain(speed).collect()
+}
+
+/// A warning at the first way point that lies beyond the stops of a joint.
+fn beyond_travel(document: &Document, section: &HandSection, device: &Device) -> Option<Flaw> {
+    let kinematics = &device.description.kinematics;
+    let beyond = |position: [f64; 3]| {
+        let joints = joints_at(kinematics, position)?.map(f64::from);
+        let each = joints.into_iter().zip(device.travel).enumerate();
+        // A stop is where it is to a few micrometres, and single precision is near it.
+        let mut each = each.filter_map(|(index, (at, travel))| Some((index, at, travel?)));
+        each.find(|(_, at, [low, high])| *at < low - 1e-6 || *at > high + 1e-6)
+    };
+    let points = section.way_point.get_ref();
+    let mut far = points.iter().filter_map(|point| {
+        let found = beyond(*point.position_m.get_ref())?;
+        Some((point, found))
+    });
+    let (point, (joint, at, [low, high])) = far.next()?;
+    let unit = match kinematics {
+        Kinematics::Cartesian { .. } => "m",
+        Kinematics::SerialArm { .. } => "rad",
+    };
+    let more = match far.count() {
+        0 => String::new(),
+        count => format!("; so do {count} more"),
+    };
+    let message = format!(
+        "this way point takes joint {joint} of {} to {at:.3} {unit}, and its travel is {low} to {high} {unit}{more}",
+        device_name(device)
+    );
+    let position = *point.position_m.get_ref();
+    let help = match beyond(position.map(|along| 1e-3 * along)) {
+        None if position.iter().any(|along| along.abs() >= 0.5) => {
+            "lengths are in metres: times 0.001 it is within".to_owned()
+        }
+        _ => "a simulated console goes there, one with motors runs against its stop: bring scene and hand nearer to the middle of the travel".to_owned(),
+    };
+    let place = point.position_m.span();
+    Some(document.warning(place, &message, "beyond the travel", &help))
+}
+
+/// A warning at the first way point that is reached faster than the console allows.
+fn beyond_speed(document: &Document, section: &HandSection, device: &Device) -> Option<Flaw> {
+    let points = section.way_point.get_ref();
+    let most = f64::from(device.description.max_grip_speed_m_per_s);
+    let name = device_name(device);
+    points.windows(2).find_map(|pair| {
+        let [from, to] = [0, 1].map(|index| &pair[index]);
+        let [from_m, to_m] = [from, to].map(|point| Vector3::from(*point.position_m.get_ref()));
+        let way_m = from_m.metric_distance(&to_m);
+        let length_s = to.time_s.get_ref() - from.time_s.get_ref();
+        // What the limits leave for it \[s\], and whose limit that is.
+        let needed_s = PEAK_SPEED * way_m / most;
+        let joint = slowest_joint(device, &from_m, &to_m);
+        let joint = joint.filter(|(_, joint_s)| *joint_s > needed_s && *joint_s > length_s);
+        let (whose, needed_s) = match joint {
+            Some((joint, needed_s)) => (
+                format!("its joint {joint} is in a fault there (encoder jump)"),
+                needed_s,
+            ),
+            None => (format!("is in a fault above {most} m/s (overspeed)"), needed_s),
+        };
+        // The path is computed in single precision.
+        if needed_s <= length_s * (1.0 + 1e-6) || way_m <= 1e-9 {
+            return None;
+        }
+        let how = match length_s > 0.0 {
+            true => format!("goes at up to {:.2} m/s", PEAK_SPEED * way_m / length_s),
+            false => "jumps".to_owned(),
+        };
+        let message = format!(
+            "the hand {how} on its {} to this way point, and {name} {whose}",
+            length(way_m)
+        );
+        let help = format!(
+            "give it {needed_s:.2} s instead of {length_s:.2} s, or a shorter way; lengths are in metres, times in seconds"
+        );
+        let place = to.position_m.span();
+        Some(document.warning(place, &message, "too fast", &help))
+    })
+}
+
+/// The joint that takes longest for a straight way of the grip, and that time \[s\].
+fn slowest_joint(
+    device: &Device,
+    from_m: &Vector3<f64>,
+    to_m: &Vector3<f64>,
+) -> Option<(usize, f64)> {
+    let kinematics = &device.description.kinematics;
+    let at = |look: u32| {
+        let s = f64::from(look) / f64::from(LOOKS);
+        let blend = s * s * s * (10.0 - 15.0 * s + 6.0 * s * s);
+        joints_at(kinematics, from_m.lerp(to_m, blend).into())
+    };
+    let looks = (0..LOOKS).filter_map(|look| at(look).zip(at(look + 1)));
+    let times = looks.flat_map(|(a, b)| {
+        let joints = device.description.joints.iter().enumerate();
+        joints.map(move |(index, joint)| {
+            let rate = f64::from((b[index] - a[index]).abs()) * f64::from(LOOKS);
+            (index, rate / f64::from(joint.max_speed_per_s))
+        })
+    });
+    times.max_by(|a, b| a.1.total_cmp(&b.1))
+}
+
+/// The device as its file calls it: checked when that was read.
+fn device_name(device: &Device) -> String {
+    name(&device.description.name)
+        .unwrap_or_default()
+        .to_owned()
+}
+
 /// Joint coordinates that bring the grip to `position` \[m\]; of an arm's two ways the one with the elbow
 /// above. None where the grip cannot be.
 fn joints_at(kinematics: &Kinematics, position: [f64; 3]) -> Option<[f32; JOINTS]> {
@@ -117,7 +247,9 @@ fn joints_at(kinematics: &Kinematics, position: [f64; 3]) -> Option<[f32; JOINTS
             [y.atan2(x) as f32, shoulder as f32, elbow as f32]
         }
     };
-    joints.iter().all(|q| q.is_finite()).then_some(joints)
+    // Where a hand begins is said joint by joint.
+    let is_said = |q: &f32| q.abs() <= MAX_POSITION;
+    joints.iter().all(is_said).then_some(joints)
 }
 
 /// What is wrong with a place \[m\] that the grip does not get to, and what to do.

@@ -7,7 +7,7 @@ use super::bodies::{idle_pairs, read_body_contacts};
 use super::device::find_device;
 use super::document::{Document, Flaw, SceneError};
 use super::gravity::{read_densities, read_gravity, read_settle, weigh_needles};
-use super::hand::hand_script;
+use super::hand::{beyond_device, hand_script};
 use super::jaws::read_jaws;
 use super::needles::{read_needle_solver, read_needle_tissue, read_needles};
 use super::parts::{read_parts, read_slab};
@@ -89,16 +89,22 @@ impl Scene {
             }
             (None, _) => None,
         };
-        let tools = read_tools(document, &file.tool, &mesh, (&mut warnings, &mut notes))?;
+        if let (Some(section), Some(device)) = (&file.hand, &device) {
+            warnings.extend(beyond_device(document, section.get_ref(), device));
+        }
+        let edges = (&mesh, hand.as_ref());
+        let tools = read_tools(document, &file.tool, edges, (&mut warnings, &mut notes))?;
         warnings.extend(units::of_tools(document, &file.tool, &tools, &mesh));
         warnings.extend(units::of_lengths(document, &file));
-        let moduli = std::iter::once(&file.tissue.youngs_modulus_pa).chain(
-            file.region
-                .iter()
-                .map(|region| &region.get_ref().youngs_modulus_pa),
-        );
+        warnings.extend(units::of_places(document, &file, &mesh));
+        let moduli = || {
+            let regions = file.region.iter().map(Spanned::get_ref);
+            std::iter::once(&file.tissue.youngs_modulus_pa)
+                .chain(regions.map(|region| &region.youngs_modulus_pa))
+        };
         warnings
-            .extend(moduli.filter_map(|modulus| units::of_stiffness(document, modulus, &tools)));
+            .extend(moduli().filter_map(|modulus| units::of_stiffness(document, modulus, &tools)));
+        warnings.extend(moduli().filter_map(|modulus| units::of_softness(document, modulus)));
         let hands = (&tools[..], &file.tool[..]);
         let mut needles = read_needles(document, &file.needle, &tools, &mesh)?;
         let threads = read_threads(document, &file.thread, &needles, &tools)?;

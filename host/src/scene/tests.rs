@@ -402,6 +402,59 @@ fn a_small_tool_says_its_error_at_its_radius() {
     assert_eq!(&underlined(warning, "0.0005"), "0.0005");
 }
 
+/// What was not measured has no measured error.
+#[test]
+fn below_half_an_edge_nothing_was_measured() {
+    for radius in ["0.0", "0.005"] {
+        let text = GOOD.replace("radius_m = 0.05", &format!("radius_m = {radius}"));
+        let scene = read(&text).expect("it only warns");
+        let said = scene.warnings[0].to_string();
+        assert!(
+            said.contains("nobody has measured") && !said.contains('%'),
+            "{said}"
+        );
+        assert!(said.contains("counts as one of 11.4 mm"), "{said}");
+    }
+    // Just above, it is said as it was measured.
+    let edge_m = read(GOOD).expect("good").mesh.surface().mean_edge_m;
+    let radius = format!("radius_m = {}", 0.5 * edge_m * (1.0 + 1e-12));
+    let scene = read(&GOOD.replace("radius_m = 0.05", &radius)).expect("it only warns");
+    let said = scene.warnings[0].to_string();
+    assert!(said.contains("measured error of 2840 %"), "{said}");
+}
+
+/// A block with edges of a centimetre beside a slab with edges of a millimetre, which the hand presses: of a ball of 5 mm the edges
+/// matter that it meets, and that it counts as one of the mean edge of all.
+#[test]
+fn edges_are_those_near_the_path() {
+    let parts = "[[mesh.part]]\nslab = { size_m = [0.02, 0.02, 0.006], divisions = [20, 20, 4] }\n\
+                 [[mesh.part]]\nslab = { size_m = [0.2, 0.2, 0.05], divisions = [20, 20, 5] }\nat_m = [0.0, 0.5, 0.0]\n";
+    let graded = |radius: &str, at: &str| {
+        let text = format!(
+            "device = \"cartesian-bench\"\n{parts}[tissue]\nyoungs_modulus_pa = 15e3\npoisson_ratio = 0.45\n\
+             [[fixed]]\nplane = {{ axis = \"z\", at_m = -0.006 }}\n[[fixed]]\nplane = {{ axis = \"z\", at_m = -0.05 }}\n\
+             [[tool]]\nradius_m = {radius}\n[hand]\nstiffness_n_per_m = 800.0\ndamping_n_s_per_m = 8.0\n\
+             way_point = [{{ time_s = 0.0, position_m = [{at}, 0.03] }}, {{ time_s = 1.0, position_m = [{at}, 0.008] }}]\n"
+        );
+        let scene = read(&text).expect("it only warns");
+        let said = scene.warnings.iter().chain(&scene.notes);
+        let said: Vec<String> = said.map(ToString::to_string).collect();
+        (said.join("\n"), scene.mesh.surface().mean_edge_m)
+    };
+    let (said, mean_m) = graded("0.012", "0.0, 0.0");
+    assert!(mean_m > 0.004, "{mean_m}");
+    assert!(said.is_empty(), "{said}");
+    let (said, _) = graded("0.005", "0.0, 0.0");
+    assert!(
+        said.contains("a tool of 5.0 mm radius counts as one of"),
+        "{said}"
+    );
+    assert!(said.contains("edges have 1."), "{said}");
+    // The same ball where edges have a centimetre.
+    let (said, _) = graded("0.012", "0.0, 0.5");
+    assert!(said.contains("on edges of 11.4 mm"), "{said}");
+}
+
 #[test]
 fn below_four_edges_the_error_is_a_note() {
     let good = read(GOOD).expect("a scene");
@@ -834,6 +887,174 @@ const SLIPS: &[Slip] = &[
         help: "caps it",
     },
 ];
+
+/// What is allowed but cannot be meant, by an edit of the good scene: what is said, and at which place.
+const DOUBTS: &[Slip] = &[
+    Slip {
+        from: "youngs_modulus_pa = 15e3",
+        to: "youngs_modulus_pa = 15.0",
+        message: "youngs_modulus_pa = 15: softer than 100 Pa",
+        under: "15.0",
+        help: "times 1000 it is 15 kPa",
+    },
+    Slip {
+        from: "youngs_modulus_pa = 15e3",
+        to: "youngs_modulus_pa = 0.015",
+        message: "youngs_modulus_pa = 0.015: softer than 100 Pa",
+        under: "0.015",
+        help: "times 1000000 it is 15 kPa",
+    },
+    Slip {
+        from: "offset_m = [0.0, 0.0, -0.01]",
+        to: "offset_m = [0.0, 0.0, -30.0]",
+        message: "`offset_m`: a way of 30.0 m, larger than 2.0 m",
+        under: "[0.0, 0.0, -30.0]",
+        help: "times 0.001 it is 30.0 mm",
+    },
+    Slip {
+        from: "position_m = [0.0, 0.0, 0.04]",
+        to: "position_m = [0.0, 0.0, 40.0]",
+        message: "`position_m`: 40.0 m from the tissue, farther than 2.0 m",
+        under: "[0.0, 0.0, 40.0]",
+        help: "times 0.001 it is (0, 0, 0.04) m",
+    },
+    Slip {
+        from: "target_displacement_m = [0.0, 0.0, 0.002]",
+        to: "target_displacement_m = [0.0, 0.0, 2.0]",
+        message: "`target_displacement_m`: 2.0 m, farther than the body is large, 80.0 mm",
+        under: "[0.0, 0.0, 2.0]",
+        help: "times 0.001 it is 2.0 mm",
+    },
+    Slip {
+        from: "position_m = [0.0, 0.01, 0.05]",
+        to: "position_m = [1.0, 0.01, 0.05]",
+        message: "this way point takes joint 0 of cartesian-bench to 1.000 m, and its travel is -0.11 to 0.11 m",
+        under: "[1.0, 0.01, 0.05]",
+        help: "times 0.001 it is within",
+    },
+    Slip {
+        from: "time_s = 1.0, position_m = [0.0, 0.0, 0.0]",
+        to: "time_s = 0.01, position_m = [0.0, 0.0, 0.0]",
+        message: "the hand goes at up to 9.56 m/s on its 51.0 mm to this way point, and cartesian-bench is in a fault above 1.5 m/s",
+        under: "[0.0, 0.0, 0.0]",
+        help: "give it 0.06 s instead of 0.01 s",
+    },
+    Slip {
+        from: "time_s = 1.0, position_m = [0.0, 0.0, 0.0]",
+        to: "time_s = 0.0, position_m = [0.0, 0.0, 0.0]",
+        message: "the hand jumps on its 51.0 mm to this way point",
+        under: "[0.0, 0.0, 0.0]",
+        help: "give it 0.06 s instead of 0.00 s",
+    },
+    Slip {
+        from: "radius_m = 0.05\noffset_m = [0.0, 0.0, -0.01]",
+        to: "shape = \"rounded-box\"\nsize_m = [0.06, 5.0, 0.06]",
+        message: "`size_m`: a length of 5.0 m, larger than 2.0 m",
+        under: "[0.06, 5.0, 0.06]",
+        help: "times 0.001 it is 5.0 mm",
+    },
+    Slip {
+        from: "radius_m = 0.05\noffset_m = [0.0, 0.0, -0.01]",
+        to: "shape = \"grip\"\nbody = { radius_m = 2.0, length_m = 0.06 }",
+        message: "`radius_m`: a bar with a radius of 2.0 m, larger than 50.0 mm",
+        under: "2.0",
+        help: "times 0.001 it is 2.0 mm",
+    },
+    Slip {
+        from: "radius_m = 0.05\noffset_m = [0.0, 0.0, -0.01]",
+        to: "shape = \"grip\"\nbody = { radius_m = 2e-6, length_m = 0.06 }",
+        message: "`radius_m`: a bar with a radius of 2.0 um, smaller than 50.0 um",
+        under: "2e-6",
+        help: "times 1000 it is 2.0 mm",
+    },
+    Slip {
+        from: "radius_m = 0.05\noffset_m = [0.0, 0.0, -0.01]",
+        to: "shape = \"grip\"\nbody = { radius_m = 0.002, length_m = 60.0, offset_m = [0.0, 30.0, 0.0] }",
+        message: "`length_m`: a length of 60.0 m, larger than 2.0 m",
+        under: "60.0",
+        help: "times 0.001 it is 60.0 mm",
+    },
+    Slip {
+        from: "size_m = [0.08, 0.06, 0.03]\ndivisions = [8, 6, 3]",
+        to: "size_m = [0.08, 0.06, 0.03]\ndivisions = [1, 1, 300]",
+        message: "1800 of 1800 cells are over a hundred times as wide as thick",
+        under: "[0.08, 0.06, 0.03]",
+        help: "take fewer `divisions` across what is thin",
+    },
+];
+
+/// Whatever is doubtful of a scene is a warning at its place, and the good scene has none.
+#[test]
+fn what_cannot_be_meant_is_doubted_at_its_place() {
+    assert!(read(GOOD).expect("good").warnings.is_empty());
+    for doubt in DOUBTS {
+        assert!(GOOD.contains(doubt.from), "{}", doubt.from);
+        let text = GOOD.replacen(doubt.from, doubt.to, 1);
+        let scene = read(&text).unwrap_or_else(|error| panic!("{}: {error}", doubt.to));
+        let said: Vec<String> = scene.warnings.iter().map(ToString::to_string).collect();
+        let found = scene
+            .warnings
+            .iter()
+            .find(|flaw| flaw.to_string().contains(doubt.message));
+        let Some(found) = found else {
+            panic!("{}: {said:?}", doubt.to);
+        };
+        assert_eq!(found.severity(), Some(miette::Severity::Warning));
+        assert_eq!(underlined(found, doubt.to), doubt.under, "{said:?}");
+        let help = found
+            .help()
+            .map(|help| help.to_string())
+            .unwrap_or_default();
+        assert!(help.contains(doubt.help), "{}: {help}", doubt.to);
+    }
+}
+
+/// 80 mm wide and 50 um thick: neither its size nor its cells can be meant.
+#[test]
+fn a_film_is_doubted() {
+    let text = GOOD
+        .replace(
+            "size_m = [0.08, 0.06, 0.03]",
+            "size_m = [0.08, 0.06, 50e-6]",
+        )
+        .replace("at_m = -0.03", "at_m = -50e-6")
+        .replace("divisions = [8, 6, 3]", "divisions = [8, 6, 8]");
+    let scene = read(&text.replace("nodes = [0, 1]", "nodes = [0]")).expect("it only warns");
+    let said: Vec<String> = scene.warnings.iter().map(ToString::to_string).collect();
+    for words in [
+        "the body is 50.0 um thick, thinner than 100.0 um",
+        "2304 of 2304 cells are over a hundred times as wide as thick",
+    ] {
+        assert!(said.iter().any(|said| said.contains(words)), "{said:?}");
+    }
+}
+
+/// Every console refuses a hand that begins beyond 10 m of a joint's own origin, and so does the scene.
+#[test]
+fn a_hand_begins_where_a_console_can_be_told() {
+    use sutura_shared::wire::Message;
+    use sutura_shared::wire::message::Simulate;
+    let device = crate::scene::BUILT_IN_DEVICES[0].1;
+    let far = device.replace("origin_m = [0.0, 0.0, 0.0]", "origin_m = [8.0, 0.0, 0.0]");
+    let read_at = |x: f64| {
+        let document = Document::from_sources(&crate::scene::Sources {
+            name: "scene.toml".to_owned(),
+            text: GOOD.replace("\"cartesian-bench\"", "\"far.toml\"").replace(
+                "position_m = [0.0, 0.01, 0.05]",
+                &format!("position_m = [{x:?}, 0.01, 0.05]"),
+            ),
+            files: [("far.toml".to_owned(), far.clone().into_bytes())].into(),
+        });
+        Scene::read(&document, "scene")
+    };
+    let hand = read_at(-1.5).expect("it only warns").hand.expect("a hand");
+    assert_eq!(Simulate::Hand(hand).check(), Ok(()));
+    let error = read_at(-2.5).expect_err("10.5 m from the origin");
+    assert!(
+        error.to_string().contains("cannot reach this way point"),
+        "{error}"
+    );
+}
 
 /// Each slip in `good` is told as it should be.
 #[track_caller]

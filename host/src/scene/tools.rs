@@ -3,17 +3,24 @@
 //! Entry point: [`read_tools`].
 
 use super::document::{Document, Flaw, SceneError};
+use super::hand::position_at;
 use super::tool_shape::read_shape;
-use super::way::{self, read_way};
+use super::way::{self, Way, read_way};
 use super::{Pose, Tool};
-use crate::mesh::TetMesh;
-use crate::model::{ACCURATE_RADIUS_IN_EDGES, LEAST_RADIUS_IN_EDGES, measured_error_percent};
+use crate::contact::shape::Solid;
+use crate::mesh::{Surface, TetMesh};
+use crate::model::{
+    ACCURATE_RADIUS_IN_EDGES, LEAST_MEASURED_IN_EDGES, LEAST_RADIUS_IN_EDGES,
+    measured_error_percent,
+};
 use crate::rod::Bar;
-use crate::tool;
-use miette::Severity;
+use crate::script::at_rest;
+use crate::tool::{self, Shape};
+use miette::{Diagnostic, Severity};
 use nalgebra::Vector3;
 use std::ops::Range;
 use sutura_scene_file::scene::{ToolSection, ToolShape};
+use sutura_shared::wire::message::HandScript;
 use toml::Spanned;
 
 /// From how far a grip takes what it is to hold, if it does not say \[m\]: jaws of needle holders are 5 to 10 mm long.
@@ -26,10 +33,10 @@ const REACH_M: f64 = 0.005;
 pub(super) fn read_tools(
     document: &Document,
     sections: &[Spanned<ToolSection>],
-    mesh: &TetMesh,
+    (mesh, hand): (&TetMesh, Option<&HandScript>),
     (warnings, notes): (&mut Vec<Flaw>, &mut Vec<Flaw>),
 ) -> Result<Vec<Tool>, SceneError> {
-    let edge_m = mesh.surface().mean_edge_m;
+    let surface = mesh.surface();
     let driven = driven_tool(document, sections)?;
     let mut tools: Vec<Tool> = Vec::with_capacity(sections.len());
     for (place, spanned) in sections.iter().enumerate() {
@@ -37,15 +44,6 @@ pub(super) fn read_tools(
         let at = way::place(spanned);
         let is_grip = section.shape == ToolShape::Grip;
         let shape = read_touching(document, spanned)?;
-        let radius_m = shape.radius_m();
-        if !is_grip && radius_m < ACCURATE_RADIUS_IN_EDGES * edge_m {
-            let (severity, list) = if radius_m < LEAST_RADIUS_IN_EDGES * edge_m {
-                (Severity::Warning, &mut *warnings)
-            } else {
-                (Severity::Advice, &mut *notes)
-            };
-            list.push(small_tool(document, severity, at.clone(), radius_m, edge_m));
-        }
         let id = section.id.as_ref().map_or(place as u8, |id| *id.get_ref());
         if tools.iter().any(|other| other.id == id) {
             let span = section
@@ -66,6 +64,18 @@ pub(super) fn read_tools(
                 position_m,
                 orientation: begin.orientation,
             });
+        }
+        if !is_grip {
+            let hand = hand.filter(|_| driven);
+            let poses = poses(hand, way.as_ref(), pose.as_ref());
+            let edges = Edges::near(&surface, mesh.points_m(), &shape, &poses);
+            if let Some(flaw) = small_tool(document, at.clone(), &shape.shape, &edges) {
+                let list = match flaw.severity() {
+                    Some(Severity::Warning) => &mut *warnings,
+                    _ => &mut *notes,
+                };
+                list.push(flaw);
+            }
         }
         if !driven && pose.is_none() {
             let message = format!("tool {id} is neither driven by the console nor held");
@@ -202,27 +212,143 @@ fn driven_tool(
     }
 }
 
-/// What was measured of tools that are small against the mesh: of interest below four edges, a warning below three.
-fn small_tool(
-    document: &Document,
-    severity: Severity,
-    at: Range<usize>,
-    radius_m: f64,
-    edge_m: f64,
-) -> Flaw {
-    let [error, largest] = measured_error_percent(radius_m / edge_m);
-    let message = format!(
-        "a tool of {:.1} mm radius on edges of {:.1} mm: a ball like that has a measured error of {error:.0} % in its force, {largest:.0} % where it is largest",
+/// Edges of the boundary that a tool meets \[m\].
+struct Edges {
+    /// Mean of those near its path.
+    near_m: f64,
+    /// Mean of all; a tool counts as no smaller than that.
+    mean_m: f64,
+}
+
+/// Local edges that differ from the mean of all by less than this part are the same: the mesh is not graded.
+const GRADED: f64 = 0.1;
+/// Vertices within so many radii of a tool are near it.
+const NEAR_RADII: f64 = 0.5;
+/// Most poses of a path at which edges are looked for.
+const MOST_POSES: u32 = 200;
+
+impl Edges {
+    /// Those near a tool in one of these poses; of a tool that is near none, those at the vertex nearest to it.
+    fn near(surface: &Surface, points_m: &[[f64; 3]], shape: &tool::Tool, poses: &[Pose]) -> Self {
+        let mean_m = surface.mean_edge_m;
+        let placed = poses
+            .iter()
+            .filter_map(|pose| shape.place(&at_rest(0, pose)));
+        let solids: Vec<Solid> = placed.map(|place| Solid::new(shape, 0.0, &place)).collect();
+        let gap_m = |node: u32| {
+            let at = Vector3::from(points_m[node as usize]);
+            let gaps = solids.iter().map(|solid| solid.gap(&at));
+            gaps.fold(f64::INFINITY, f64::min)
+        };
+        let gaps: Vec<f64> = surface.vertices.iter().map(|node| gap_m(*node)).collect();
+        let nearest_m = gaps.iter().copied().fold(f64::INFINITY, f64::min);
+        let most_m = nearest_m.max(NEAR_RADII * shape.radius_m());
+        let is_near = |node: &u32| {
+            let place = surface.vertices.binary_search(node);
+            place.is_ok_and(|place| gaps[place] <= most_m)
+        };
+        let (mut sum_m, mut count) = (0.0, 0u32);
+        for triangle in surface
+            .triangles
+            .iter()
+            .filter(|all| all.iter().any(is_near))
+        {
+            let at = triangle.map(|node| Vector3::from(points_m[node as usize]));
+            sum_m += (0..3)
+                .map(|k| at[k].metric_distance(&at[(k + 1) % 3]))
+                .sum::<f64>();
+            count += 3;
+        }
+        let near_m = sum_m / f64::from(count);
+        let is_graded = near_m.is_finite() && (near_m / mean_m - 1.0).abs() > GRADED;
+        Self {
+            near_m: if is_graded { near_m } else { mean_m },
+            mean_m,
+        }
+    }
+}
+
+/// Where a tool is said to come: along the hand's path or its script, or where it is held.
+fn poses(hand: Option<&HandScript>, way: Option<&Way>, pose: Option<&Pose>) -> Vec<Pose> {
+    let rest = pose.map_or([0.0, 0.0, 0.0, 1.0], |pose| pose.orientation);
+    let used = hand.and_then(|hand| hand.way_points.get(..usize::from(hand.count)));
+    let hand_s = used
+        .and_then(|points| points.last())
+        .map(|point| f64::from(point.time_s));
+    let way_s = way
+        .and_then(|way| way.stops().last())
+        .map(|stop| stop.time_s);
+    let Some(end_s) = hand_s.into_iter().chain(way_s).reduce(f64::max) else {
+        return pose.copied().into_iter().collect();
+    };
+    let at = |look: u32| {
+        let time_s = end_s * f64::from(look) / f64::from(MOST_POSES);
+        let on_way = way.map(|way| way.at(time_s));
+        let moved = on_way.and_then(|on_way| on_way.moved).map(|(at, _)| at);
+        let carried = hand.map(|hand| position_at(hand, time_s));
+        Some(Pose {
+            position_m: moved.or(carried).or(pose.map(|pose| pose.position_m))?,
+            orientation: on_way.map_or(rest, |on_way| on_way.orientation),
+        })
+    };
+    // A hand's path may be left for where the scene holds the tool without one.
+    (0..=MOST_POSES)
+        .filter_map(at)
+        .chain(pose.copied())
+        .collect()
+}
+
+/// A tool that is small against the mesh where it comes, and what was measured of such ones: of interest below four edges, a
+/// warning below three; nothing of a larger one.
+fn small_tool(document: &Document, at: Range<usize>, shape: &Shape, edges: &Edges) -> Option<Flaw> {
+    let (edge_m, radius_m) = (edges.near_m, shape.radius_m());
+    let in_edges = radius_m / edge_m;
+    // What the solver takes it for.
+    let counts_m = shape.at_least(edges.mean_m).radius_m();
+    if counts_m > radius_m && in_edges >= LEAST_RADIUS_IN_EDGES {
+        let message = format!(
+            "a tool of {:.1} mm radius counts as one of {:.1} mm, the mean edge of the whole boundary; where the tool comes edges have {:.1} mm",
+            radius_m * 1e3,
+            counts_m * 1e3,
+            edge_m * 1e3
+        );
+        let help = "a tool smaller than the mean edge would slip in between vertices elsewhere: take a larger tool, or a mesh that is finer everywhere on its boundary";
+        let label = format!("{:.1} edges of the whole", radius_m / edges.mean_m);
+        return Some(document.note(Severity::Warning, at, message, label, Some(help)));
+    }
+    let severity = match in_edges {
+        edges if edges < LEAST_RADIUS_IN_EDGES => Severity::Warning,
+        edges if edges < ACCURATE_RADIUS_IN_EDGES => Severity::Advice,
+        _ => return None,
+    };
+    let [accurate, _] = measured_error_percent(ACCURATE_RADIUS_IN_EDGES).unwrap_or_default();
+    let accurate_m = ACCURATE_RADIUS_IN_EDGES * edge_m;
+    let what = format!(
+        "a tool of {:.1} mm radius on edges of {:.1} mm",
         radius_m * 1e3,
         edge_m * 1e3
     );
-    let help = format!(
-        "measured over the places of a cell against an independent value; with a radius of {:.4} m, four edges, or a finer mesh it is {:.0} %",
-        ACCURATE_RADIUS_IN_EDGES * edge_m,
-        measured_error_percent(ACCURATE_RADIUS_IN_EDGES)[0]
-    );
-    let label = format!("{:.1} edges", radius_m / edge_m);
-    document.note(severity, at, message, label, Some(&help))
+    let (message, help) = match measured_error_percent(in_edges) {
+        Some([error, largest]) => (
+            format!(
+                "{what}: a ball like that has a measured error of {error:.0} % in its force, {largest:.0} % where it is largest"
+            ),
+            format!(
+                "measured over the places of a cell against an independent value; with a radius of {accurate_m:.4} m, four edges, or a finer mesh it is {accurate:.0} %"
+            ),
+        ),
+        None => (
+            format!(
+                "{what}: less than {LEAST_MEASURED_IN_EDGES} edges, of which nobody has measured how wrong the force is, and it counts as one of {:.1} mm",
+                counts_m * 1e3
+            ),
+            format!(
+                "with a radius of {accurate_m:.4} m, four edges, or a finer mesh the measured error is {accurate:.0} %"
+            ),
+        ),
+    };
+    let label = format!("{in_edges:.1} edges");
+    Some(document.note(severity, at, message, label, Some(&help)))
 }
 
 fn read_pose(document: &Document, section: &ToolSection) -> Result<Option<Pose>, SceneError> {

@@ -1,13 +1,14 @@
 //! Sizes, stiffnesses and places that suggest another unit than the one that a key asks for.
 //!
-//! Entry points: [`unlikely_size`], [`of_mesh`], [`of_tools`], [`of_lengths`],
-//! [`of_stiffness`]. Millimetres for metres are off by
-//! 1000, and so are kPa for Pa: that is what a hint proposes, where it helps.
+//! Entry points: [`unlikely_size`], [`of_mesh`], [`of_tools`], [`of_lengths`], [`of_places`], [`of_stiffness`], [`of_softness`].
+//! Millimetres for metres are off by 1000, and so are kPa for Pa: that is what a hint proposes, where it helps.
 
 use super::Tool;
 use super::document::{Document, Flaw};
 use super::way;
-use crate::mesh::TetMesh;
+use crate::mesh::{TetMesh, mean_ratio};
+use nalgebra::Vector3;
+use std::ops::Range;
 use sutura_scene_file::scene::{MeshSection, SceneFile, ToolSection};
 use sutura_shared::wire::validate::MAX_TANGENT;
 use toml::Spanned;
@@ -56,7 +57,7 @@ pub fn unlikely_size(size_m: f64, key: &str) -> Option<(String, String)> {
 }
 
 /// A length as people say it.
-fn length(length_m: f64) -> String {
+pub(super) fn length(length_m: f64) -> String {
     match length_m {
         m if !(1e-6..1e4).contains(&m) => format!("{m:.1e} m"),
         m if m >= 1.0 => format!("{m:.1} m"),
@@ -65,31 +66,78 @@ fn length(length_m: f64) -> String {
     }
 }
 
-/// Largest side of the box around a mesh \[m\].
-pub(super) fn size_m(mesh: &TetMesh) -> f64 {
-    let sides = (0..3).map(|axis| {
-        let along = mesh.points_m().iter().map(|point| point[axis]);
-        let (low, high) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
-            (low.min(x), high.max(x))
-        });
-        high - low
-    });
-    sides.fold(0.0, f64::max)
+/// Lowest and highest corner of the box around a mesh \[m\], (3) each.
+fn bounds(mesh: &TetMesh) -> [[f64; 3]; 2] {
+    let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+    for point in mesh.points_m() {
+        for (axis, x) in point.iter().enumerate() {
+            bounds[0][axis] = bounds[0][axis].min(*x);
+            bounds[1][axis] = bounds[1][axis].max(*x);
+        }
+    }
+    bounds
 }
 
-/// A warning of a mesh of an unlikely size, at what scales it.
+/// Sides of the box around a mesh \[m\], (3).
+fn sides_m(mesh: &TetMesh) -> [f64; 3] {
+    let [low, high] = bounds(mesh);
+    [0, 1, 2].map(|axis| high[axis] - low[axis])
+}
+
+/// Largest side of the box around a mesh \[m\].
+pub(super) fn size_m(mesh: &TetMesh) -> f64 {
+    sides_m(mesh).into_iter().fold(0.0, f64::max)
+}
+
+/// Thinnest body that is meant in metres \[m\]: skin and the walls of vessels are thicker.
+const THINNEST_M: f64 = 1e-4;
+/// Mean ratio (Liu and Joe 1994) of a cell a hundred times as wide as thick: solves of flatter ones are slow and inexact.
+const FLATTEST: f64 = 0.058;
+/// A mesh with a larger share of such cells is warned of.
+const FEW_FLAT: f64 = 0.01;
+
+/// Warnings of a mesh of an unlikely size or thickness, at what scales it, and of cells that are all but flat.
 pub(super) fn of_mesh(
     document: &Document,
     section: &Spanned<MeshSection>,
     mesh: &TetMesh,
-) -> Option<Flaw> {
+) -> Vec<Flaw> {
     let scale = section.get_ref().scale_to_m.as_ref();
-    let (key, at) = match scale {
-        Some(scale) => ("`scale_to_m`", scale.span()),
-        None => ("`size_m`", section.span()),
+    let slab = section.get_ref().slab.as_ref();
+    let (key, at) = match (scale, slab) {
+        (Some(scale), _) => ("`scale_to_m`", scale.span()),
+        (None, Some(slab)) => ("`size_m`", slab.get_ref().size_m.span()),
+        (None, None) => ("`size_m`", section.span()),
     };
-    let (message, help) = unlikely_size(size_m(mesh), key)?;
-    Some(document.warning(at, &message, "hardly metres", &help))
+    let mut warned = Vec::new();
+    if let Some((message, help)) = unlikely_size(size_m(mesh), key) {
+        warned.push(document.warning(at.clone(), &message, "hardly metres", &help));
+    }
+    let thin_m = sides_m(mesh).into_iter().fold(f64::INFINITY, f64::min);
+    if thin_m < THINNEST_M {
+        let message = format!(
+            "the body is {} thick, thinner than {}",
+            length(thin_m),
+            length(THINNEST_M)
+        );
+        let help = format!(
+            "lengths are in metres: times 1000 it is {}; see {key}",
+            length(1e3 * thin_m)
+        );
+        warned.push(document.warning(at.clone(), &message, "hardly metres", &help));
+    }
+    let corners = |cell: &[u32; 4]| cell.map(|node| mesh.points_m()[node as usize].into());
+    let flat = mesh
+        .cells()
+        .iter()
+        .filter(|cell| mean_ratio(&corners(cell)) < FLATTEST);
+    let (flat, cells) = (flat.count(), mesh.cells().len());
+    if flat as f64 > FEW_FLAT * cells as f64 {
+        let message = format!("{flat} of {cells} cells are over a hundred times as wide as thick");
+        let help = "steps take long and forces are not to be relied on: take fewer `divisions` across what is thin and more along it, or a mesh with better cells (`sutura mesh info` has their quality)";
+        warned.push(document.warning(at, &message, "flat cells", help));
+    }
+    warned
 }
 
 /// A warning for each tool whose radius is larger than the body which it touches. Balls somewhat larger than what they press on are
@@ -123,31 +171,232 @@ pub(super) fn of_tools(
     large.collect()
 }
 
-/// A warning for each length of a tool, a needle or a thread beyond the largest body: none is longer than a person.
+/// What a length may be \[m\]: beyond that it is hardly meant in metres.
+struct Limits {
+    what: &'static str,
+    least_m: f64,
+    most_m: f64,
+}
+
+impl Limits {
+    const fn new(what: &'static str, least_m: f64, most_m: f64) -> Self {
+        Self {
+            what,
+            least_m,
+            most_m,
+        }
+    }
+
+    fn has(&self, length_m: f64) -> bool {
+        // The last bit of a length of just that size may be too much.
+        let [least, most] = [self.least_m * (1.0 - 1e-9), self.most_m * (1.0 + 1e-9)];
+        (least..=most).contains(&length_m)
+    }
+
+    /// What is unlikely of a key that says so, and what to do, in words; none for what is likely.
+    fn hint(&self, key: &str, length_m: f64) -> Option<(String, String)> {
+        if self.has(length_m) || !length_m.is_finite() {
+            return None;
+        }
+        let (limit_m, than) = match length_m > self.most_m {
+            true => (self.most_m, "larger than"),
+            false => (self.least_m, "smaller than"),
+        };
+        let message = format!(
+            "`{key}`: {} {}, {than} {}",
+            self.what,
+            length(length_m),
+            length(limit_m)
+        );
+        let factors = [0.001, 1000.0];
+        let help = match factors.iter().find(|factor| self.has(length_m * **factor)) {
+            Some(factor) => format!(
+                "lengths are in metres: times {factor} it is {}",
+                length(length_m * factor)
+            ),
+            None => "lengths are in metres".to_owned(),
+        };
+        Some((message, help))
+    }
+}
+
+/// Along a tool, a needle, a thread or pads, and how far a grip reaches: none is longer than a person.
+const LONG: Limits = Limits::new("a length of", 1e-4, SIZES_M[0]);
+/// Of a bar: from a wire to an arm.
+const BAR_RADIUS: Limits = Limits::new("a bar with a radius of", 5e-5, 0.05);
+/// Of an arc: from the least needle for vessels on.
+const ARC_RADIUS: Limits = Limits::new("a circle with a radius of", 1e-4, SIZES_M[0]);
+/// From the needles of surgery under a microscope to cannulas.
+const NEEDLE: Limits = Limits::new("a needle with a diameter of", 1e-5, 5e-3);
+/// From the finest sutures, 12-0, to tapes.
+const THREAD: Limits = Limits::new("a thread with a diameter of", 1e-6, 5e-3);
+/// From the grip to what it carries.
+const OFFSET: Limits = Limits::new("a way of", 0.0, SIZES_M[0]);
+
+/// A warning for each length of what tools, needles, threads and jaws are that is hardly meant in metres.
 pub(super) fn of_lengths(document: &Document, file: &SceneFile) -> Vec<Flaw> {
-    let tools = file.tool.iter().map(|section| &section.get_ref().length_m);
-    let needles = file.needle.iter().map(Spanned::get_ref);
-    let needles = needles.flat_map(|needle| [&needle.length_m, &needle.radius_m]);
-    let threads = file
-        .thread
-        .iter()
-        .map(|section| &section.get_ref().length_m);
-    let lengths = tools.chain(needles).flatten().chain(threads);
-    let [most, _] = SIZES_M;
-    let long = lengths.filter(|length_m| *length_m.get_ref() > most);
-    let warned = long.map(|length_m| {
-        let long_m = *length_m.get_ref();
-        let message = format!("{} long, larger than {}", length(long_m), length(most));
-        let help = match 1e-3 * long_m <= most {
+    let mut warned = Vec::new();
+    let mut look = |limits: &Limits, key: &str, span: Range<usize>, length_m: f64| {
+        let hint = limits.hint(key, length_m).into_iter();
+        let flaw = |(message, help): (String, String)| {
+            document.warning(span.clone(), &message, "hardly metres", &help)
+        };
+        warned.extend(hint.map(flaw));
+    };
+    let mut number = |limits: &Limits, key: &str, said: Option<&Spanned<f64>>| {
+        // What may be left at nothing has no size.
+        if let Some(said) = said.filter(|said| *said.get_ref() != 0.0) {
+            look(limits, key, said.span(), *said.get_ref());
+        }
+    };
+    for tool in file.tool.iter().map(Spanned::get_ref) {
+        number(&LONG, "length_m", tool.length_m.as_ref());
+        number(&LONG, "reach_m", tool.reach_m.as_ref());
+        if let Some(body) = tool.body.as_ref().map(Spanned::get_ref) {
+            number(&BAR_RADIUS, "radius_m", Some(&body.radius_m));
+            number(&LONG, "length_m", Some(&body.length_m));
+        }
+    }
+    for needle in file.needle.iter().map(Spanned::get_ref) {
+        number(&LONG, "length_m", needle.length_m.as_ref());
+        number(&ARC_RADIUS, "radius_m", needle.radius_m.as_ref());
+        number(&NEEDLE, "thickness_m", Some(&needle.thickness_m));
+        let segments = needle.segments.iter().flat_map(Spanned::get_ref);
+        for segment in segments {
+            number(&LONG, "length_m", Some(&segment.length_m));
+            number(&ARC_RADIUS, "radius_m", segment.radius_m.as_ref());
+        }
+    }
+    for thread in file.thread.iter().map(Spanned::get_ref) {
+        number(&LONG, "length_m", Some(&thread.length_m));
+        number(&THREAD, "thickness_m", thread.thickness_m.as_ref());
+    }
+    for jaws in file.jaws.iter().map(Spanned::get_ref) {
+        number(&LONG, "length_m", jaws.length_m.as_ref());
+        number(&LONG, "width_m", jaws.width_m.as_ref());
+    }
+    let tools = || file.tool.iter().map(Spanned::get_ref);
+    let bodies = tools().filter_map(|tool| tool.body.as_ref());
+    let offsets = tools()
+        .map(|tool| &tool.offset_m)
+        .chain(bodies.map(|body| &body.get_ref().offset_m))
+        .chain(file.jaws.iter().map(|jaws| &jaws.get_ref().offset_m));
+    for said in offsets.flatten() {
+        let far_m = Vector3::from(*said.get_ref()).norm();
+        look(&OFFSET, "offset_m", said.span(), far_m);
+    }
+    for said in tools().filter_map(|tool| tool.size_m.as_ref()) {
+        let unlikely = |size_m: &&f64| !LONG.has(**size_m);
+        if let Some(size_m) = said.get_ref().iter().find(unlikely) {
+            look(&LONG, "size_m", said.span(), *size_m);
+        }
+    }
+    warned
+}
+
+/// Farthest from the tissue that anything happens \[m\]: as far as the largest body is long.
+const FARTHEST_M: f64 = SIZES_M[0];
+
+/// A warning for each place of a tool, a needle, a thread or the hand that is far from the tissue: one a section.
+pub(super) fn of_places(document: &Document, file: &SceneFile, mesh: &TetMesh) -> Vec<Flaw> {
+    let [low, high] = bounds(mesh);
+    let far_m = |place: &[f64; 3]| {
+        let away = [0, 1, 2].map(|axis| {
+            let x = place[axis];
+            (low[axis] - x).max(x - high[axis]).max(0.0)
+        });
+        Vector3::from(away).norm()
+    };
+    let mut warned = Vec::new();
+    let mut look = |key: &str, mut places: &mut dyn Iterator<Item = &Spanned<[f64; 3]>>| {
+        let far = |place: &&Spanned<[f64; 3]>| {
+            let far_m = far_m(place.get_ref());
+            far_m > FARTHEST_M && far_m.is_finite()
+        };
+        let Some(place) = Iterator::find(&mut places, far) else {
+            return;
+        };
+        let message = format!(
+            "`{key}`: {} from the tissue, farther than {}",
+            length(far_m(place.get_ref())),
+            length(FARTHEST_M)
+        );
+        let nearer = place.get_ref().map(|along| 1e-3 * along);
+        let help = match far_m(&nearer) <= FARTHEST_M {
             true => format!(
-                "lengths are in metres: times 0.001 it is {}",
-                length(1e-3 * long_m)
+                "lengths are in metres: times 0.001 it is ({}, {}, {}) m",
+                nearer[0], nearer[1], nearer[2]
             ),
             false => "lengths are in metres".to_owned(),
         };
-        document.warning(length_m.span(), &message, "hardly metres", &help)
-    });
-    warned.collect()
+        warned.push(document.warning(place.span(), &message, "far from the tissue", &help));
+    };
+    for tool in file.tool.iter().map(Spanned::get_ref) {
+        let points = tool.way_point.iter();
+        let points = points.filter_map(|point| point.get_ref().position_m.as_ref());
+        look("position_m", &mut tool.position_m.iter().chain(points));
+    }
+    for needle in file.needle.iter().map(Spanned::get_ref) {
+        look("end_m", &mut std::iter::once(&needle.end_m));
+    }
+    for thread in file.thread.iter().map(Spanned::get_ref) {
+        let holds = thread.hold.iter().map(|hold| &hold.get_ref().at_m);
+        let cuts = thread.cut.iter().map(|cut| &cut.get_ref().at_m);
+        look("at_m", &mut holds.chain(cuts).flatten());
+    }
+    if let Some(hand) = file.hand.as_ref().map(Spanned::get_ref) {
+        let points = hand.way_point.get_ref().iter();
+        look("position_m", &mut points.map(|point| &point.position_m));
+    }
+    let body_m = size_m(mesh);
+    for handle in &file.handle {
+        let said = &handle.target_displacement_m;
+        let way_m = Vector3::from(*said.get_ref()).norm();
+        if way_m > body_m {
+            let message = format!(
+                "`target_displacement_m`: {}, farther than the body is large, {}",
+                length(way_m),
+                length(body_m)
+            );
+            let help = match 1e-3 * way_m <= body_m {
+                true => format!(
+                    "lengths are in metres: times 0.001 it is {}",
+                    length(1e-3 * way_m)
+                ),
+                false => "lengths are in metres".to_owned(),
+            };
+            warned.push(document.warning(said.span(), &message, "hardly metres", &help));
+        }
+    }
+    warned
+}
+
+/// What soft tissue has at most and at least \[Pa\]: below the latter, fat and brain have some hundred, nothing is felt.
+const SOFT_PA: [f64; 2] = [1e6, 100.0];
+
+/// A warning of tissue that gives way to everything.
+pub(super) fn of_softness(document: &Document, modulus: &Spanned<f64>) -> Option<Flaw> {
+    let modulus_pa = *modulus.get_ref();
+    let [most_pa, least_pa] = SOFT_PA;
+    if modulus_pa >= least_pa || modulus_pa.is_nan() {
+        return None;
+    }
+    let message = format!(
+        "youngs_modulus_pa = {modulus_pa}: softer than {least_pa} Pa, and hardly felt at all"
+    );
+    let fits = |factor: &f64| (least_pa..=most_pa).contains(&(factor * modulus_pa));
+    let help = match [1e3, 1e6].into_iter().find(fits) {
+        Some(factor) => {
+            let times_pa = factor * modulus_pa;
+            let said = match times_pa >= 1e3 {
+                true => format!("{} kPa", 1e-3 * times_pa),
+                false => format!("{times_pa} Pa"),
+            };
+            format!("the modulus is in Pa: soft tissue has 1e3 to 1e6; times {factor} it is {said}")
+        }
+        None => "the modulus is in Pa: soft tissue has 1e3 to 1e6".to_owned(),
+    };
+    Some(document.warning(modulus.span(), &message, "too soft to be felt", &help))
 }
 
 /// A warning of tissue on which a tool is stiffer than a frame can say: a flat punch of radius a feels at least `2 E a`

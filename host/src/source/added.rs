@@ -75,16 +75,40 @@ pub(super) fn append_way(
 }
 
 /// The node nearest to a place of the unloaded mesh \[m\].
-pub(super) fn nearest_node(mesh: &TetMesh, place_m: [f64; 3]) -> AnchorPoint {
+///
+/// # Errors
+/// The `key`, the distance and the limit, for a place farther from all nodes than the longest edge: no point of the tissue is.
+pub(super) fn nearest_node(
+    mesh: &TetMesh,
+    key: &str,
+    place_m: [f64; 3],
+) -> Result<AnchorPoint, String> {
     let place = Vector3::from(place_m);
     let far = |at: &[f64; 3]| (Vector3::from(*at) - place).norm_squared();
     let nodes = (0u32..).zip(mesh.points_m());
     let nearest = nodes.min_by(|a, b| far(a.1).total_cmp(&far(b.1)));
     let node = nearest.map_or(0, |(node, _)| node);
-    AnchorPoint {
+    let far_m = nearest.map_or(0.0, |(_, at)| far(at).sqrt());
+    let longest_m = longest_edge_m(mesh);
+    if far_m > longest_m {
+        return Err(format!(
+            "`{key}` is {far_m:.4} m from the nearest node, and the mesh's longest edge has {longest_m:.4} m: it is a place of the tissue in metres"
+        ));
+    }
+    Ok(AnchorPoint {
         nodes: [node; 4],
         weights: [1.0, 0.0, 0.0, 0.0],
-    }
+    })
+}
+
+/// Longest edge of a mesh's cells \[m\].
+fn longest_edge_m(mesh: &TetMesh) -> f64 {
+    let at = |node: u32| Vector3::from(mesh.points_m()[node as usize]);
+    let edges = mesh.cells().iter().flat_map(|cell| {
+        let pairs = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)];
+        pairs.map(|(a, b)| at(cell[a]).metric_distance(&at(cell[b])))
+    });
+    edges.fold(0.0, f64::max)
 }
 
 /// Unit vectors along a way and across it, right-handed.

@@ -39,12 +39,18 @@ struct Spring {
 
 impl Section for SpringSection {
     fn build(&self, index: usize, mesh: &TetMesh) -> Result<Arc<dyn Added>, String> {
-        let from = nearest_node(mesh, self.from_m);
-        let to = (!self.to_is_fixed).then(|| nearest_node(mesh, self.to_m));
         check_between("stiffness_n_per_m", self.stiffness_n_per_m, (0.0, 1e9))?;
         check_between("length_m", self.length_m.unwrap_or(1.0), (0.0, 10.0))?;
         let finite = self.from_m.iter().chain(&self.to_m).all(|x| x.is_finite());
-        if !finite || self.from_m == self.to_m || to == Some(from) {
+        if !finite {
+            return Err("`from_m` and `to_m` must be two places".to_owned());
+        }
+        let from = nearest_node(mesh, "from_m", self.from_m)?;
+        let to = match self.to_is_fixed {
+            true => None,
+            false => Some(nearest_node(mesh, "to_m", self.to_m)?),
+        };
+        if self.from_m == self.to_m || to == Some(from) {
             return Err("`from_m` and `to_m` must be two places, not at one node".to_owned());
         }
         let (ends, said) = ([Some(from), to], self.clone());

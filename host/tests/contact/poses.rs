@@ -214,7 +214,7 @@ fn small_tools_warn_and_impossible_ones_are_refused() {
     );
     let text = warnings[0].to_string();
     assert!(
-        text.contains("tool 0") && text.contains("0.00 mm") && text.contains("measured error"),
+        text.contains("tool 0") && text.contains("0.00 mm") && text.contains("nobody has measured"),
         "{text}"
     );
     assert!(matches!(
