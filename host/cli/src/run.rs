@@ -32,6 +32,7 @@ use sutura_host::session::{
     SessionError, Solve, Summary, check_rate, run_lockstep, run_real_time,
 };
 use sutura_shared::control::TICK_HZ;
+use sutura_shared::device::DeviceDescription;
 use sutura_shared::wire::inputs;
 use sutura_shared::wire::message::Fixture;
 
@@ -447,13 +448,7 @@ fn session(
     };
     let summary = match args.console.as_str() {
         "virtual" if args.lockstep => {
-            let mut console = NativeConsole::new(&plan.device).map_err(|error| {
-                Failure::say(
-                    Cause::BadInput,
-                    format!("the device is unusable: {error}"),
-                    "correct its device file",
-                )
-            })?;
+            let mut console = lockstep_console(&plan.device)?;
             let mut console = TappedConsole::new(&mut console, tap.clone());
             in_lockstep(&mut console, plan, solver, progress)
         }
@@ -552,6 +547,17 @@ fn in_real_time(
     };
     run_real_time(line, options, plan, solver, progress)
         .map_err(|error| session_failure(error, name))
+}
+
+/// A simulated console in this process that takes a tick per exchange.
+///
+/// # Errors
+/// Bad input: no console computes with what describes it.
+pub fn lockstep_console(device: &DeviceDescription) -> Result<NativeConsole, Failure> {
+    NativeConsole::new(device).map_err(|error| {
+        let message = format!("the device is unusable: {error}");
+        Failure::say(Cause::BadInput, message, "correct its device file")
+    })
 }
 
 fn in_lockstep(
@@ -689,6 +695,9 @@ fn help_for_withheld(why: Option<&str>) -> &'static str {
             "the model did not find a balance: a finer mesh, another `--tissue`, or a hand that presses less deep"
         }
         Some("behind") => "the hand was faster than a step follows: a higher --host-hz",
+        Some("too-many-rows") => {
+            "the tools touched more vertices than a step has room for: a coarser mesh or a smaller tool; `sutura scene check` says where"
+        }
         Some("waiting") => "compliance columns came too late: a coarser mesh, or a lower --host-hz",
         Some(_) => "see `steps_withheld`",
         None => "contacts came too late to be used: a higher --host-hz, or a faster `--tissue`",

@@ -48,4 +48,15 @@ pub enum SolveError {
     #[error("the tissue found no rest with the tools where the scene holds them: {}", .0.name())]
     #[diagnostic(help("move the tools' `position_m` less deep into the tissue"))]
     NoRest(Status),
+    /// Tools touch too much where the scene holds them.
+    #[error(
+        "the tools touch more vertices where the scene holds them than a step has room for in contact, {room}"
+    )]
+    #[diagnostic(help(
+        "take a coarser mesh or a smaller tool, or move the tools' `position_m` less deep into the tissue"
+    ))]
+    NoRoom {
+        /// Most vertices in contact, with all tools together.
+        room: usize,
+    },
 }

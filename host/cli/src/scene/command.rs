@@ -1,7 +1,7 @@
 //! `sutura scene`: whether a scene is good, what it builds and what that costs, and the schema of its file.
 
-use crate::failure::{Failure, render};
-use crate::run::session_failure;
+use crate::failure::{Cause, Failure, render};
+use crate::run::{lockstep_console, session_failure};
 use crate::{Format, Global, display};
 use clap::{Args, Subcommand};
 use miette::{Diagnostic, Report};
@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use sutura_host::scene::{self, Flaw, Scene};
-use sutura_host::session::{Plan, SceneSolver, check_rate};
+use sutura_host::session::{Overfull, Plan, SceneSolver, check_rate, overfull};
 use sutura_shared::control::TICK_HZ;
 use sutura_study::explain::{Component, explain};
 
@@ -32,8 +32,9 @@ Examples:
   sutura scene check mine.toml                  the first thing that is wrong, at its character
   sutura scene check mine.toml --format json    status, warnings[], notes[] with line and column
 
-Reads every file that the scene names, builds the solver and brings held tools to their places. Warnings and
-notes do not fail; what is wrong ends with exit code 2.";
+Reads every file that the scene names, builds the solver, brings held tools to their places, and follows the session
+where tools may touch more vertices than a step has room for. Warnings and notes do not fail; what is wrong ends with
+exit code 2.";
 
 const EXPLAIN_EXAMPLES: &str = "\
 Examples:
@@ -108,6 +109,7 @@ fn check(path: &Path, global: &Global) -> Result<(), Failure> {
         check_rate(plan.host_hz, TICK_HZ).map_err(|error| session_failure(error, "virtual"))?;
     }
     SceneSolver::new(&scene)?;
+    check_room(&scene)?;
     drop(shown);
     match global.format {
         Format::Json => display::object(&Checked {
@@ -130,6 +132,26 @@ fn check(path: &Path, global: &Global) -> Result<(), Failure> {
         ),
     }
     Ok(())
+}
+
+/// Whether every step of the scene's session has room for what its tools touch.
+///
+/// # Errors
+/// Bad input: one has not; what no solver can be built of.
+fn check_room(scene: &Scene) -> Result<(), Failure> {
+    if scene.hand.is_none() {
+        return Ok(());
+    }
+    let plan = Plan::of_scene(scene)?;
+    let mut console = lockstep_console(&plan.device)?;
+    match overfull(scene, &plan, &mut console)? {
+        Some(overfull) => Err(Failure::say(
+            Cause::BadInput,
+            overfull.to_string(),
+            Overfull::HELP,
+        )),
+        None => Ok(()),
+    }
 }
 
 /// What there is in a scene.
@@ -223,6 +245,7 @@ fn print_components(path: &Path, global: &Global) -> Result<(), Failure> {
     let shown = crate::work::watch();
     let mut scene = super::open(Some(path))?;
     super::without_session(&mut scene);
+    check_room(&scene)?;
     let components = explain(&scene)?;
     drop(shown);
     if global.format == Format::Json {

@@ -7,6 +7,7 @@ use crate::contact::shape::Solid;
 use crate::model::Model;
 use crate::scene::{Pose, Scene, SceneError};
 use crate::script::{Fall, Path, at_rest, outside};
+use crate::source::tool::MOST_CONTACTS;
 use crate::step::{State, Status, StepOptions, StepReport, Workspace, step, try_step};
 use crate::tool::{Tool, ToolSample};
 use crate::wound::Wound;
@@ -159,6 +160,11 @@ impl Constrained {
                 }
                 Status::Ok => passes += report.passes,
                 Status::Waiting | Status::Behind => {}
+                Status::TooManyRows => {
+                    return Err(SolveError::NoRoom {
+                        room: MOST_CONTACTS,
+                    });
+                }
                 stuck => return Err(SolveError::NoRest(stuck)),
             }
             if passes > MOST_PASSES {

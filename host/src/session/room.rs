@@ -1,0 +1,197 @@
+//! Whether a scene's session comes to touch more vertices than a step has room for.
+//!
+//! Entry point: [`overfull`]. Vertices near the tools along their scripts are counted on tissue at rest; only a scene in which these
+//! are many is followed, as a session in lockstep.
+
+use super::{Effort, Plan, Progress, SceneSolver, Solve, SolveError, Solved, Spared, run_lockstep};
+use crate::contact::shape::Solid;
+use crate::link::LockstepConsole;
+use crate::mesh::Surface;
+use crate::scene::Scene;
+use crate::script::Script;
+use crate::source::tool::{MOST_CONTACTS, NEAR};
+use crate::step::Status;
+use crate::tool::{Act, ToolSample};
+use crate::work;
+use nalgebra::Vector3;
+use serde_json::{Map, Value};
+use std::fmt;
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use sutura_shared::wire::Valid;
+use sutura_shared::wire::message::State;
+
+/// Time between two looks \[s\]: a hand at 0.1 m/s goes 2 mm meanwhile.
+const EVERY_S: f64 = 0.02;
+/// Most looks at a session.
+const MOST_LOOKS: f64 = 2000.0;
+/// A hand strays from its path, and tissue moves along, by so much \[m\].
+const MARGIN_M: f64 = 0.003;
+
+/// A hand's grip comes to rest within so much \[s\].
+const AFTER_S: f64 = 0.5;
+
+/// A step of a session that touches more vertices than it has room for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Overfull {
+    /// Since the session began \[s\].
+    pub time_s: f64,
+    /// Vertices inside the tools there, on tissue at rest.
+    pub vertices: usize,
+    /// Most vertices that a step can have in contact, with all tools together.
+    pub room: usize,
+}
+
+impl fmt::Display for Overfull {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            time_s,
+            vertices,
+            room,
+        } = self;
+        write!(
+            f,
+            "at {time_s:.2} s the tools are on {vertices} vertices of the mesh, and a step has room for {room} in contact"
+        )
+    }
+}
+
+impl Overfull {
+    /// What helps.
+    pub const HELP: &str = "take a coarser mesh or a smaller tool, or press less deep: a session withholds such steps (`too-many-rows`)";
+}
+
+/// The first step of a scene's session in lockstep that has no room for all that its tools touch; none if all have. A session that
+/// ends before its time for other reasons is judged as far as it came.
+///
+/// # Errors
+/// What [`SceneSolver::for_session`] refuses.
+pub fn overfull(
+    scene: &Scene,
+    plan: &Plan,
+    console: &mut dyn LockstepConsole,
+) -> Result<Option<Overfull>, SolveError> {
+    let surface = scene.mesh.surface();
+    let plan = Plan {
+        seconds: plan.seconds.min(end_s(scene)),
+        ..*plan
+    };
+    if !scene.has_rows() || most_near(scene, &surface, plan.seconds) <= MOST_CONTACTS {
+        return Ok(None);
+    }
+    work::begin(
+        "following the session, whose tools come near many vertices",
+        || scene.name.clone(),
+    );
+    let is_full = Arc::new(AtomicBool::new(false));
+    let mut watched = Watched {
+        solver: SceneSolver::for_session(scene, &plan)?,
+        began_us: None,
+        full: None,
+        is_full: is_full.clone(),
+    };
+    let stops = |_: &Progress<'_>| match is_full.load(Ordering::Relaxed) {
+        true => ControlFlow::Break(()),
+        false => ControlFlow::Continue(()),
+    };
+    // What else ends it is for the session to say.
+    let _ = run_lockstep(console, &plan, &mut watched, stops);
+    Ok(watched.full.map(|(time_us, samples)| Overfull {
+        time_s: 1e-6 * time_us as f64,
+        vertices: near(scene, &surface, &samples, |_| 0.0).max(MOST_CONTACTS + 1),
+        room: MOST_CONTACTS,
+    }))
+}
+
+/// Time by which all scripts have ended and what they moved is at rest \[s\].
+fn end_s(scene: &Scene) -> f64 {
+    let hand = scene.hand.iter();
+    let points = hand.flat_map(|hand| &hand.way_points[..usize::from(hand.count)]);
+    let ways = scene.tools.iter().filter_map(|tool| tool.way.as_ref());
+    let stops = ways.flat_map(|way| way.stops()).map(|stop| stop.time_s);
+    let times = points.map(|point| f64::from(point.time_s)).chain(stops);
+    times.fold(0.0, f64::max) + AFTER_S
+}
+
+/// Most vertices that are near the tools at once, if they keep to their scripts.
+fn most_near(scene: &Scene, surface: &Surface, seconds: f64) -> usize {
+    let mut script = Script::new(scene);
+    let every_s = EVERY_S.max(seconds / MOST_LOOKS);
+    let looks = (seconds / every_s).ceil() as u32;
+    let counts = (0..=looks).map(|look| {
+        let time_s = f64::from(look) * every_s;
+        let in_hand = script.in_hand(time_s);
+        let samples = script.step_to(time_s, in_hand, None);
+        near(scene, surface, samples, |radius_m| {
+            NEAR * radius_m + MARGIN_M
+        })
+    });
+    counts.max().unwrap_or(0)
+}
+
+/// Vertices of tissue at rest that are no farther from the tools than `reach_m` says for a radius \[m\].
+fn near(
+    scene: &Scene,
+    surface: &Surface,
+    samples: &[ToolSample],
+    reach_m: impl Fn(f64) -> f64,
+) -> usize {
+    let each = samples.iter().filter_map(|sample| {
+        let tool = scene.tools.iter().find(|tool| tool.id == sample.id)?;
+        let shape = Some(&tool.shape).filter(|shape| !shape.is_grip())?;
+        let solid = Solid::new(shape, surface.mean_edge_m, &shape.place(sample)?);
+        let reach_m = reach_m(solid.radius());
+        let bound_m = solid.bound() + reach_m;
+        let is_near = |node: &&u32| {
+            let at = Vector3::from(scene.mesh.points_m()[**node as usize]);
+            (solid.centre - at).norm_squared() <= bound_m * bound_m && solid.gap(&at) <= reach_m
+        };
+        Some(surface.vertices.iter().filter(is_near).count())
+    });
+    each.sum()
+}
+
+/// A solver whose first step without room is remembered; after that it steps no more.
+struct Watched {
+    solver: SceneSolver,
+    began_us: Option<u64>,
+    full: Option<(u64, Vec<ToolSample>)>,
+    /// Ends the session.
+    is_full: Arc<AtomicBool>,
+}
+
+impl Solve for Watched {
+    fn solve(&mut self, state: &Valid<State>) -> Solved {
+        if self.full.is_some() {
+            return Solved::default();
+        }
+        let now_us = state.console_time_us();
+        let began_us = *self.began_us.get_or_insert(now_us);
+        let solved = self.solver.solve(state);
+        if solved.status == Status::TooManyRows {
+            self.full = Some((
+                now_us.saturating_sub(began_us),
+                self.solver.samples().to_vec(),
+            ));
+            self.is_full.store(true, Ordering::Relaxed);
+        }
+        solved
+    }
+
+    fn spare(&mut self, effort: Effort) -> Spared {
+        self.solver.spare(effort)
+    }
+
+    fn tune(&mut self, plan: &Plan) {
+        self.solver.tune(plan);
+    }
+
+    fn act(&mut self, act: Act) -> bool {
+        Solve::act(&mut self.solver, act)
+    }
+
+    fn scene(&self) -> Map<String, Value> {
+        Map::new()
+    }
+}
