@@ -20,6 +20,7 @@ mod python;
 mod run;
 mod scenes;
 mod setup;
+mod sweep;
 mod test;
 mod toolchain;
 mod vendor;
@@ -180,6 +181,17 @@ Runs during which a thread that only sleeps 1 ms was late by over 5 ms are marke
 that a summary lacks misses its bar. Not measured here: how far looks ahead reach beside lockstep's, a solver that stalls, and
 a cable that is pulled.")]
     Bars(bars::Arguments),
+    /// Changes numbers of the shipped scenes beyond what can be meant, one at a time, and looks what the command says.
+    #[command(after_help = "Examples:
+  cargo xtask sweep                                a drawn hundred in short sessions; part of `cargo xtask test`
+  cargo xtask sweep --seed 7                       what a run that printed this seed drew
+  cargo xtask sweep --full                         every key of every scene, in sessions of full length: hours
+  cargo xtask sweep --full --scene palpation --sutura target/release/sutura
+
+Every key's number, in lists of sections the first, the middle and the last, is taken times 0.001 and 1000, as zero, and negated. Each has to be refused at a place in the scene, to be warned of, to end
+with another word than ok, or to end well: felt where the solver was touched, and not where it was not. None may compute for 20 s
+without a word. What is felt is printed beside the largest force that was solved.")]
+    Sweep(sweep::Arguments),
     /// A client of a page that prints the time of what it is shown; `bars` stops it.
     #[command(hide = true)]
     WatchPage { url: String },
@@ -235,6 +247,7 @@ fn main() -> ExitCode {
         Command::Vendor { check } => vendor::gated(check),
         Command::Fuzz { arguments } => fuzz::run(&arguments),
         Command::Bars(arguments) => bars::all(&arguments),
+        Command::Sweep(arguments) => sweep::all(&arguments),
         Command::WatchPage { url } => bars::client::follow(&url),
         Command::Test { full, seed } => test::all(test::Cases::new(full, seed)),
     };

@@ -11,7 +11,7 @@ pub use seeds::Cases;
 
 use crate::run::{Beside, Tool, root, target};
 use crate::toolchain::{Toolchain, host};
-use crate::{aarch64, book, firmware, locks, python, setup};
+use crate::{aarch64, book, firmware, locks, python, setup, sweep};
 use anyhow::{Context, Result, bail};
 use report::{Kind, Report};
 
@@ -159,6 +159,16 @@ fn steps(report: &mut Report, cases: Cases) {
     // What the page's tests wait for leaves time: all that does not build the command runs beside them.
     let page = page().map(Tool::beside);
     tests(report, cases);
+    let sweep = sweep::Arguments {
+        seed: cases.seed,
+        ..sweep::Arguments::drawn()
+    };
+    report.step(
+        Kind::Tests,
+        "numbers of scenes",
+        "cargo xtask sweep",
+        |_| sweep::all(&sweep),
+    );
     // On one core, and of figures that do not depend on what else runs: beside what leaves the other one.
     let counts = Tool::own().map(|own| own.arg("bench").beside());
     let again = if cases.full {
