@@ -343,3 +343,65 @@ fn scenes_say_what_was_made_of_their_mesh() {
         assert!(text.contains(words), "no {words} in {text}");
     }
 }
+
+/// A cell array of another name is told, and taken where it is named: by the command and by a scene.
+#[test]
+fn regions_are_taken_from_the_array_that_is_named() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let at = directory.path();
+    let grid = "# vtk DataFile Version 3.0\n\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 double\n\
+        0 0 0 0.03 0 0 0 0.03 0 0 0 0.03 0.03 0.03 0.03\nCELLS 2 10\n4 0 1 2 3\n4 1 2 3 4\nCELL_TYPES 2\n10\n10\n\
+        CELL_DATA 2\nSCALARS tissue_class int 1\nLOOKUP_TABLE default\n3 4\n";
+    std::fs::write(at.join("a.vtk"), grid).expect("writable");
+    let regions = |report: &Value| {
+        let regions = report["regions"].as_array().expect("a list").iter();
+        regions
+            .map(|region| region["region"].as_i64())
+            .collect::<Vec<_>>()
+    };
+    let plain = info(at, "a.vtk");
+    assert_eq!(regions(&plain), [Some(0)]);
+    let notes = plain["notes"].to_string();
+    assert!(notes.contains("--region tissue_class"), "{notes}");
+    let named = ["--region", "tissue_class", "--format", "json"];
+    let run = |command: &[&str], more: &[&str]| sutura_in(at, &[command, more].concat());
+    let report = json(&run(&["mesh", "info", "a.vtk"], &named));
+    assert_eq!(regions(&report), [Some(3), Some(4)]);
+    assert_eq!(report["notes"], serde_json::json!([]));
+    json(&run(
+        &["mesh", "convert", "a.vtk", "--out", "a.msh"],
+        &named,
+    ));
+    assert_eq!(regions(&info(at, "a.msh")), [Some(3), Some(4)]);
+    for (file, said) in [
+        (
+            "a.vtk",
+            "with a number for each cell there are: tissue_class",
+        ),
+        ("a.msh", "there is none with a number for each cell"),
+    ] {
+        let ran = run(&["mesh", "info", file], &["--region", "labels"]);
+        assert_eq!(ran.code, 2, "{}", ran.stderr);
+        for words in ["no cell array `labels`", said] {
+            assert!(ran.stderr.contains(words), "{file}: {}", ran.stderr);
+        }
+    }
+    // Region 4 is stiffer: without its array there is no such region.
+    let check = |key: &str| {
+        let text = format!(
+            "[mesh]\nfile = \"a.vtk\"\nscale_to_m = 1.0\n{key}\n[[fixed]]\nnodes = [0, 1, 2]\n\
+             [tissue]\nyoungs_modulus_pa = 1e4\npoisson_ratio = 0.4\n[[region]]\ntag = 4\nyoungs_modulus_pa = 2e4\npoisson_ratio = 0.4\n"
+        );
+        std::fs::write(at.join("a.toml"), text).expect("writable");
+        run(&["scene", "check", "a.toml"], &["--format", "json"])
+    };
+    let good = json(&check("region_array = \"tissue_class\""));
+    assert_eq!(good["notes"], serde_json::json!([]));
+    let without = check("");
+    assert_eq!(without.code, 2, "{}", without.stdout);
+    let wrong = check("region_array = \"labels\"");
+    assert_eq!(wrong.code, 2, "{}", wrong.stdout);
+    for words in ["region_array", "no such cell array", "tissue_class"] {
+        assert!(wrong.stderr.contains(words), "{words}: {}", wrong.stderr);
+    }
+}

@@ -71,7 +71,7 @@ pub fn mesh(bytes: &[u8]) -> bool {
         _ => "a.vtk",
     };
     let (node, ele) = text.split_once(TETGEN_CUT).unwrap_or_default();
-    let raw = read_raw_mesh_with(Path::new(name), 1.0, |path| {
+    let raw = read_raw_mesh_with(Path::new(name), 1.0, None, |path| {
         Ok(
             match path.extension().and_then(|extension| extension.to_str()) {
                 Some("node") => node.as_bytes().to_vec(),

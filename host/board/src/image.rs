@@ -9,10 +9,14 @@ use object::elf::{FileHeader32, PT_LOAD};
 use object::read::elf::{FileHeader, ProgramHeader};
 use object::{Endianness, elf};
 use std::path::Path;
+use sutura_files::read_plain;
 use sutura_shared::identification::{self, Identification};
 
 /// Most that an image may have, whatever the board \[bytes\]: no STM32F4 has more flash.
 const MOST: usize = 2 * 1024 * 1024;
+
+/// Largest file of an image \[bytes\]: an ELF file has what a debugger needs besides.
+pub(crate) const MOST_FILE: u64 = 256 << 20;
 
 /// A firmware image.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -29,7 +33,7 @@ impl Image {
     /// # Errors
     /// [`FlashError::NoImage`], [`FlashError::NotAnImage`].
     pub fn read(path: &Path) -> Result<Image, FlashError> {
-        let file = std::fs::read(path).map_err(|source| FlashError::NoImage {
+        let file = read_plain(path, MOST_FILE).map_err(|source| FlashError::NoImage {
             path: path.to_owned(),
             source,
         })?;

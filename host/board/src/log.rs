@@ -4,9 +4,11 @@
 //! USB gives it.
 
 use crate::FlashError;
+use crate::image::MOST_FILE;
 use defmt_decoder::{DecodeError, StreamDecoder, Table};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use sutura_files::read_plain;
 
 /// Why there is no log.
 #[derive(Debug, thiserror::Error, miette::Diagnostic)]
@@ -78,7 +80,7 @@ impl LogImage {
     /// # Errors
     /// [`LogError::Image`], [`LogError::NoWords`].
     pub fn read(path: &Path) -> Result<LogImage, LogError> {
-        let elf = std::fs::read(path).map_err(|source| FlashError::NoImage {
+        let elf = read_plain(path, MOST_FILE).map_err(|source| FlashError::NoImage {
             path: path.to_owned(),
             source,
         })?;

@@ -101,7 +101,7 @@ pub fn run(args: &DeviceArgs, global: &Global) -> Result<(), Failure> {
             let text = global.format == Format::Text;
             let say = |line: &str| {
                 if text {
-                    println!("{line}");
+                    say!("{line}");
                 }
             };
             let report = listen(open, || open_serial(&name).ok(), say)?;
@@ -443,13 +443,7 @@ fn keep(report: &Report, path: &Path) -> Result<(), Failure> {
         format!("{verdict} {} {}\n", found.name, found.figure)
     };
     let text: String = report.checks.iter().map(line).collect();
-    std::fs::write(path, text).map_err(|error| {
-        Failure::say(
-            Cause::BadInput,
-            format!("cannot write {}: {error}", path.display()),
-            "name a file that can be written with --out",
-        )
-    })
+    std::fs::write(path, text).map_err(|error| crate::files::unwritable(path, &error))
 }
 
 #[cfg(test)]

@@ -4,8 +4,9 @@
 
 use crate::display::progress;
 use crate::failure::{Cause, Failure};
+use crate::files::unwritable;
 use crate::signals::{interrupted, stop_after_a_line, then};
-use crate::tables::{Kept, csv, unwritable, write_pictures};
+use crate::tables::{Kept, csv, write_pictures};
 use crate::{Format, Global};
 use clap::Args;
 use std::path::{Path, PathBuf};

@@ -3,6 +3,7 @@
 //! Entry points: [`completions`], [`man`].
 
 use crate::failure::{Cause, Failure};
+use crate::files::unwritable;
 use clap::{Args, Command};
 use clap_complete::Shell;
 use std::io::Write;
@@ -62,13 +63,7 @@ pub fn man(args: &ManArgs, command: Command) -> Result<(), Failure> {
     let written = std::fs::create_dir_all(folder)
         .and_then(|()| clap_mangen::generate_to(command.disable_help_subcommand(true), folder))
         .and_then(|()| Ok(std::fs::read_dir(folder)?.count()));
-    let files = written.map_err(|error| {
-        Failure::say(
-            Cause::BadInput,
-            format!("cannot write {}: {error}", folder.display()),
-            "name a folder that is yours",
-        )
-    })?;
+    let files = written.map_err(|error| unwritable(folder, &error))?;
     say!("{files} pages are in {}", folder.display());
     Ok(())
 }

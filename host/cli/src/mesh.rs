@@ -10,7 +10,8 @@ use clap::{Args, Subcommand};
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-use sutura_host::mesh::{Cleaned, MeshError, MeshReport, RawMesh, read_raw_mesh};
+use sutura_files::read_plain;
+use sutura_host::mesh::{Cleaned, MOST_BYTES, MeshError, MeshReport, RawMesh, read_raw_mesh_with};
 use sutura_host::output::{MeshFormat, write_mesh};
 use sutura_host::scene::unlikely_size;
 use sutura_study::trial::{Trial, trial};
@@ -33,6 +34,7 @@ const INFO_EXAMPLES: &str = "\
 Examples:
   sutura mesh info tests/data/cube_1650.msh
   sutura mesh info part.vtk --scale 0.001                   a file in millimetres
+  sutura mesh info part.vtu --region tissue_class           regions of a cell array with a name of its own
   sutura mesh info part.ele --format json | jq .quality     part.node is read too
   sutura mesh info large.msh --time --rows 100              times of a step that touches about 100 vertices
 
@@ -99,6 +101,9 @@ struct Input {
     /// Metres per unit of the file.
     #[arg(long, value_name = "S", default_value_t = 1.0)]
     scale: f64,
+    /// Cell array of a .vtk or .vtu that has the regions; one of a name that is known when left out.
+    #[arg(long, value_name = "NAME")]
+    region: Option<String>,
 }
 
 /// Reports on a mesh or converts it.
@@ -114,12 +119,20 @@ pub fn run(args: &MeshArgs, global: &Global) -> Result<(), Failure> {
 }
 
 fn read(input: &Input) -> Result<(RawMesh, MeshReport), Failure> {
-    let read = read_raw_mesh(&input.file, input.scale);
+    let region = input.region.as_deref();
+    let read = read_raw_mesh_with(&input.file, input.scale, region, |path| {
+        read_plain(path, MOST_BYTES)
+    });
     read.and_then(|mesh| MeshReport::of(&mesh).map(|report| (mesh, report)))
         .map_err(|error| match error {
             MeshError::Unreadable { .. } | MeshError::Extension(_) | MeshError::Scale(_) => {
                 let help = "name a mesh file: sutura mesh info --help";
                 Failure::say(Cause::BadInput, error.to_string(), help)
+            }
+            MeshError::NoCellArray { .. } => {
+                let help = "give --region the name of one of its cell arrays; other formats than .vtk and .vtu have none";
+                let message = format!("{}: {error}", input.file.display());
+                Failure::say(Cause::BadInput, message, help)
             }
             error => bad(&input.file, &error),
         })
@@ -291,8 +304,7 @@ fn print_times(trial: &Result<Trial, String>) {
 fn convert(input: &Input, out: &Path, clean: bool, global: &Global) -> Result<(), Failure> {
     // Before the work: a mesh that cannot be written need not be read.
     let format = format_of(out)?;
-    never_over_itself(&input.file, out)?;
-    files::free(out, global)?;
+    free(out, &input.file, global)?;
     let (mut mesh, mut report) = read(input)?;
     let cleaned = clean.then(|| mesh.clean());
     if clean {
@@ -340,34 +352,25 @@ fn format_of(out: &Path) -> Result<MeshFormat, Failure> {
     })
 }
 
-fn never_over_itself(file: &Path, out: &Path) -> Result<(), Failure> {
-    if !is_same(file, out) {
-        return Ok(());
+/// Files of a mesh: tetgen's are two.
+fn files_of(mesh: &Path) -> Vec<PathBuf> {
+    match mesh.extension().and_then(|end| end.to_str()) {
+        Some("node" | "ele") => ["node", "ele"].map(|end| mesh.with_extension(end)).into(),
+        _ => vec![mesh.to_owned()],
     }
-    let message = format!("{} would be written over itself", file.display());
-    let help = "name another file for --out: what is left out of a mesh cannot be had back";
-    Err(Failure::say(Cause::BadInput, message, help))
 }
 
-/// Whether writing `out` would change `file`; tetgen's files are two.
-fn is_same(file: &Path, out: &Path) -> bool {
-    let is_pair = |path: &Path| path.extension().is_some_and(|e| e == "node" || e == "ele");
-    let name = |path: &Path| match is_pair(path) {
-        true => path.with_extension("node"),
-        false => path.to_owned(),
-    };
-    match (name(file).canonicalize(), name(out).canonicalize()) {
-        (Ok(file), Ok(out)) => file == out,
-        _ => false,
+/// Whether a mesh may be written there, beside one that is read.
+fn free(out: &Path, read: &Path, global: &Global) -> Result<(), Failure> {
+    for file in files_of(out) {
+        files::never_over(&file, &files_of(read))?;
+        files::free(&file, global)?;
     }
+    Ok(())
 }
 
 fn write(mesh: &RawMesh, out: &Path, format: MeshFormat) -> Result<(), Failure> {
-    write_mesh(mesh, out, format).map_err(|error| {
-        let message = format!("cannot write {}: {error}", out.display());
-        let help = "name a file in a directory that exists and is yours";
-        Failure::say(Cause::BadInput, message, help)
-    })
+    write_mesh(mesh, out, format).map_err(|error| files::unwritable(out, &error))
 }
 
 fn print_text(file: &Path, report: &MeshReport) {

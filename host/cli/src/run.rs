@@ -219,6 +219,12 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     let mut door = Door::open(args)?;
     let shown = crate::work::watch();
     let (mut scene, sources) = crate::scene::open_with_sources(&document)?;
+    for file in [&recording::file(args), &args.save_last]
+        .into_iter()
+        .flatten()
+    {
+        files::never_over(file, &document.paths())?;
+    }
     // The scene's own settings stay for what `auto` takes.
     if let Some(tissue) = args.tissue.filter(|tissue| *tissue != Tissue::Auto) {
         scene.tissue = tissue.instead_of(scene.tissue);
@@ -313,15 +319,19 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
         board_rows_hz,
         ..summary
     };
+    let drawn = || match (&args.series, recording::file(args)) {
+        (Some(folder), Some(file)) => replay::draw(&file, folder, args.series_hz),
+        _ => Ok(()),
+    };
+    // Before the summary, whose status says all that went wrong.
+    let verdict = recorded.and_then(|()| drawn());
+    let verdict = verdict.map_err(Failure::after_summary);
+    let verdict = verdict.and_then(|()| self::verdict(args, &summary));
+    let summary = said_of(summary, &verdict);
     match global.format {
         Format::Json => display::object(&summary),
         Format::Text => say!("{}", display::table(&summary).trim_end()),
     }
-    recorded.map_err(Failure::after_summary)?;
-    if let (Some(folder), Some(file)) = (&args.series, recording::file(args)) {
-        replay::draw(&file, folder, args.series_hz).map_err(Failure::after_summary)?;
-    }
-    let verdict = verdict(args, &summary);
     match (&viewed, file) {
         (Some(viewed), Some(file)) if viewed.was_seen() && !stop.load(Ordering::Relaxed) => {
             viewed.stay(&file, &stop).map_err(Failure::after_summary)?;
@@ -622,6 +632,20 @@ pub fn session_failure(error: SessionError, console: &str) -> Failure {
             message,
             "this is a defect: please report it with the scene",
         ),
+    }
+}
+
+/// The summary with a status that says of a failure what the session's own does not.
+fn said_of(summary: Summary, verdict: &Result<(), Failure>) -> Summary {
+    let is_good = ["ok", "limited"]
+        .iter()
+        .any(|word| summary.status.starts_with(word));
+    match verdict {
+        Err(failure) if is_good => Summary {
+            status: failure.cause.word().to_owned(),
+            ..summary
+        },
+        _ => summary,
     }
 }
 

@@ -5,7 +5,8 @@
 use crate::failure::{Cause, Failure};
 use std::io;
 use std::path::{Path, PathBuf};
-use sutura_host::output::{Drawn, vtu, write_whole};
+use sutura_files::write_whole;
+use sutura_host::output::{Drawn, vtu};
 use sutura_host::scene::Scene;
 use sutura_host::session::SceneSolver;
 use sutura_host::thread::{Beats, Hanging};

@@ -42,7 +42,7 @@ Forces and torques act on the tissue; the handle or the tool feels the opposite.
 /// Solves and writes the file.
 ///
 /// # Errors
-/// Bad input for a scene that cannot be used or solved and for a file that cannot be written.
+/// Bad input for a scene that cannot be used or solved, and for a file that cannot be written there; failed for a full disk.
 pub fn run(args: &SolveArgs, global: &Global) -> Result<(), Failure> {
     // Before the work: a solve that cannot be kept is wasted.
     let Some(format) = SolutionFormat::of(&args.out) else {
@@ -55,21 +55,17 @@ pub fn run(args: &SolveArgs, global: &Global) -> Result<(), Failure> {
     };
     files::free(&args.out, global)?;
     let shown = crate::work::watch();
-    let mut scene = scene::open(Some(&args.scene))?;
+    let document = scene::document(Some(&args.scene))?;
+    let (mut scene, _) = scene::open_with_sources(&document)?;
+    files::never_over(&args.out, &document.paths())?;
     scene::without_session(&mut scene);
     if let Some(at_s) = args.at {
         scene.solve_at_s = Some(solve_at(at_s, &scene)?);
     }
     let solution = solve(&scene)?;
     drop(shown);
-    solution.write(&args.out, format).map_err(|error| {
-        let message = format!("cannot write {}: {error}", args.out.display());
-        Failure::say(
-            Cause::BadInput,
-            message,
-            "name a file in a directory that exists and is yours",
-        )
-    })?;
+    let written = solution.write(&args.out, format);
+    written.map_err(|error| files::unwritable(&args.out, &error))?;
     match global.format {
         Format::Json => display::object(&solved(args, &solution)),
         Format::Text => print_text(args, &solution),

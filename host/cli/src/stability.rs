@@ -3,8 +3,9 @@
 //! Entry point: [`run`]. Trials and criteria are the library's; here they are chosen and printed.
 
 use crate::failure::{Cause, Failure};
+use crate::files::unwritable;
 use crate::signals::{interrupted, stop_after_a_line, then};
-use crate::tables::{Kept, csv, unwritable};
+use crate::tables::{Kept, csv};
 use crate::{Format, Global};
 use clap::Args;
 use indicatif::ProgressBar;

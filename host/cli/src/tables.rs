@@ -3,21 +3,13 @@
 //! Entry points: [`csv`], [`write_pictures`]; [`Kept`], for lines as they are measured.
 
 use crate::failure::{Cause, Failure};
+use crate::files::unwritable;
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::fs::File;
 use std::io::Write as _;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
-
-/// The failure to write one.
-pub fn unwritable(path: &Path, error: &std::io::Error) -> Failure {
-    Failure::say(
-        Cause::Failed,
-        format!("cannot write {}: {error}", path.display()),
-        "make room, or name a folder elsewhere with --plot",
-    )
-}
 
 /// Lines of a table as they are measured, one JSON object each: whoever interrupts hours of work has what there was.
 pub struct Kept(Option<Mutex<File>>);

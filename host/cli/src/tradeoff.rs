@@ -4,12 +4,14 @@
 
 use crate::display::progress;
 use crate::failure::{Cause, Failure};
+use crate::files::unwritable;
 use crate::signals::{interrupted, stop_after_a_line, then};
-use crate::tables::{Kept, csv, unwritable, write_pictures};
+use crate::tables::{Kept, csv, write_pictures};
 use crate::{Format, Global};
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
+use sutura_files::{MOST_TEXT, read_plain};
 use sutura_host::text::utf8;
 use sutura_study::INTERRUPTED;
 use sutura_study::idle::{IDLE, load};
@@ -163,7 +165,7 @@ pub fn run(args: &TradeoffArgs, global: &Global) -> Result<(), Failure> {
 fn merged(args: &MergeArgs, global: &Global) -> Result<(), Failure> {
     let read = |path: &PathBuf| {
         let name = path.display().to_string();
-        let bytes = std::fs::read(path).map_err(|error| error.to_string());
+        let bytes = read_plain(path, MOST_TEXT).map_err(|error| error.to_string());
         let text = bytes.and_then(|bytes| utf8(bytes).map_err(|error| error.to_string()));
         match text {
             Ok(text) => Ok((name, text)),
@@ -179,6 +181,9 @@ fn merged(args: &MergeArgs, global: &Global) -> Result<(), Failure> {
     let written = match &args.plot {
         Some(directory) => {
             crate::files::folder("--plot", directory, global)?;
+            for name in std::iter::once("tradeoff.json").chain(LISTS.map(|(name, _)| name)) {
+                crate::files::never_over(&directory.join(name), &args.files)?;
+            }
             write_files(&table, directory)
         }
         None => Ok(()),
@@ -326,18 +331,21 @@ fn print_literature() {
     }
 }
 
+/// Tables, and the lists of a report that are in them.
+const LISTS: [(&str, &str); 4] = [
+    ("tradeoff.csv", "cases"),
+    ("tradeoff-best.csv", "best"),
+    ("tradeoff-truths.csv", "truths"),
+    ("tradeoff-sutures.csv", "sutures"),
+];
+
 fn write_files(report: &Value, directory: &Path) -> Result<(), Failure> {
     let write = |name: &str, text: String| {
         let path = directory.join(name);
         std::fs::write(&path, text).map_err(|error| unwritable(&path, &error))
     };
     write("tradeoff.json", report.to_string())?;
-    for (name, list) in [
-        ("tradeoff.csv", "cases"),
-        ("tradeoff-best.csv", "best"),
-        ("tradeoff-truths.csv", "truths"),
-        ("tradeoff-sutures.csv", "sutures"),
-    ] {
+    for (name, list) in LISTS {
         let lines = report[list].as_array().map_or(&[][..], Vec::as_slice);
         write(name, csv(lines))?;
     }

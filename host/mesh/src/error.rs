@@ -124,6 +124,24 @@ pub enum MeshError {
         /// What the file says it is.
         found: String,
     },
+    /// A cell array that the user names is not there.
+    #[error("the file has no cell array `{name}`; {known}")]
+    NoCellArray {
+        /// Its name.
+        name: String,
+        /// Those that there are, in words.
+        known: String,
+    },
+    /// Arrays that are packed, and too large when they are unpacked.
+    #[error(
+        "{at}: the packed arrays take more than {most} bytes, which are 100 times the file and 64 MiB: is it damaged? Else save it without compression"
+    )]
+    Unpacked {
+        /// The array with which they are too many.
+        at: Place,
+        /// How many bytes are taken at most, 8 for each number.
+        most: u64,
+    },
     /// A section that must be there is not.
     #[error("the file has no {0}; is it cut off, or a file of another kind?")]
     NoSection(&'static str),

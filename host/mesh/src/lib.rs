@@ -20,7 +20,8 @@ pub use error::{CellId, MeshError, NodeId, Place};
 pub use half_face::{HalfEdge, HalfFace};
 pub use half_faces::{AroundEdge, HalfFaces};
 pub use read::{
-    read_mesh, read_mesh_with, read_msh, read_msh_raw, read_raw_mesh, read_raw_mesh_with,
+    MOST_BYTES, read_mesh, read_mesh_with, read_msh, read_msh_raw, read_raw_mesh,
+    read_raw_mesh_with,
 };
 pub use report::{EdgeLengths, MeshReport, Quality, RegionReport, mean_ratio};
 pub use structured::{slab, tube};

@@ -1,7 +1,12 @@
 //! Mesh files that other programs wrote, `tests/data/meshes`, and what is left of them when they break.
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
 use serde_json::Value;
 use std::collections::BTreeMap;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use sutura_mesh::{RawMesh, SurfaceFormat, read_raw_mesh, read_raw_mesh_with};
 
@@ -122,7 +127,7 @@ fn broken(name: &str, bytes: &[u8]) -> (Option<String>, u64) {
             Some(extension) if extension == "node" && name.ends_with("ele") => file("meshio.node"),
             _ => Ok(bytes.to_vec()),
         };
-        let mesh = read_raw_mesh_with(Path::new(name), 1.0, read);
+        let mesh = read_raw_mesh_with(Path::new(name), 1.0, None, read);
         error = mesh
             .and_then(RawMesh::check)
             .err()
@@ -392,7 +397,7 @@ const BROKEN: &[(&str, &str, &str, &[&str])] = &[
         "vtk-ascii.vtu",
         "NumberOfPoints=\"84\"",
         "NumberOfPoints=\"99999999999\"",
-        &["99999999999 points as announced", "84"],
+        &["299999999997 coordinates", "as announced", "252"],
     ),
     (
         "vtk-ascii.vtu",
@@ -452,7 +457,7 @@ const BROKEN: &[(&str, &str, &str, &[&str])] = &[
         "vtk-raw-zlib.vtu",
         " compressor=\"vtkZLibDataCompressor\"",
         "",
-        &["cut off"],
+        &["218 types as announced"],
     ),
 ];
 
@@ -535,7 +540,7 @@ fn curved_edges_are_said_and_misplaced_mid_nodes_refused() {
              TetrahedraP2 1\n1 2 3 4 5 6 7 8 9 10 4\nEnd\n"
         )
     };
-    let read = |x| read_raw_mesh_with(Path::new("a.mesh"), 1.0, |_| Ok(file(x).into_bytes()));
+    let read = |x| read_raw_mesh_with(Path::new("a.mesh"), 1.0, None, |_| Ok(file(x).into_bytes()));
     let straight = read(0.5).expect("a mesh");
     assert_eq!((straight.points_m.len(), straight.regions[0]), (4, 4));
     assert!(
@@ -581,4 +586,137 @@ fn cleaning_drops_unused_nodes_turns_cells_and_keeps_regions() {
     assert_eq!(volume(&mesh).0, 0);
     assert!((volume(&mesh).1 - volume(&sound).1).abs() < 1e-18);
     assert!(mesh.check().is_ok());
+}
+
+/// An array of `.vtu` as base64, packed in blocks of a mebibyte.
+fn packed(kind: &str, name: &str, bytes: &[u8]) -> String {
+    const BLOCK: usize = 1 << 20;
+    let blocks = bytes.chunks(BLOCK).map(|block| {
+        let mut encoder = ZlibEncoder::new(Vec::new(), Compression::best());
+        encoder.write_all(block).expect("memory");
+        encoder.finish().expect("memory")
+    });
+    let blocks: Vec<Vec<u8>> = blocks.collect();
+    let sizes = blocks.iter().map(Vec::len);
+    let header: Vec<u8> = [blocks.len(), BLOCK, bytes.len() % BLOCK]
+        .into_iter()
+        .chain(sizes)
+        .flat_map(|number| (number as u32).to_le_bytes())
+        .collect();
+    format!(
+        "<DataArray type=\"{kind}\" Name=\"{name}\" format=\"binary\">{}{}</DataArray>",
+        STANDARD.encode(header),
+        STANDARD.encode(blocks.concat())
+    )
+}
+
+fn whole(numbers: impl IntoIterator<Item = i64>) -> Vec<u8> {
+    numbers.into_iter().flat_map(i64::to_le_bytes).collect()
+}
+
+/// A `.vtu` with one piece of these parts.
+fn vtu(points: u64, cells: u64, parts: &[(&str, String)]) -> Vec<u8> {
+    let parts: String = parts
+        .iter()
+        .map(|(part, arrays)| format!("<{part}>{arrays}</{part}>"))
+        .collect();
+    format!(
+        "<VTKFile type=\"UnstructuredGrid\" byte_order=\"LittleEndian\" compressor=\"vtkZLibDataCompressor\"><UnstructuredGrid>\
+        <Piece NumberOfPoints=\"{points}\" NumberOfCells=\"{cells}\">{parts}</Piece></UnstructuredGrid></VTKFile>"
+    )
+    .into_bytes()
+}
+
+/// Some kilobytes that unpack to a hundred megabytes: what is missing is said before, and there is a limit.
+#[test]
+fn packed_arrays_are_unpacked_no_further_than_cells_need() {
+    const NODES: u64 = 5_000_000;
+    let points = packed("Float64", "Points", &vec![0; 24 * NODES as usize]);
+    let ends = packed("Int64", "offsets", &whole([4]));
+    let types = packed("UInt8", "types", &[10]);
+    let nodes = packed("Int64", "connectivity", &whole([0, 1, 2, 3]));
+    for (nodes_said, cells, said) in [
+        (NODES, format!("{ends}{types}"), "no connectivity"),
+        (4, format!("{nodes}{ends}{types}"), "12 coordinates"),
+        (
+            NODES,
+            format!("{nodes}{ends}{types}"),
+            "packed arrays take more than",
+        ),
+    ] {
+        let parts = [("Points", points.clone()), ("Cells", cells)];
+        let bytes = vtu(nodes_said, 1, &parts);
+        assert!(bytes.len() < 400_000, "{}", bytes.len());
+        let (error, memory) = broken("a.vtu", &bytes);
+        let error = error.expect("refused");
+        assert!(error.contains(said), "no {said} in: {error}");
+        assert!(memory < MOST_MEMORY, "{said}: {memory} bytes");
+    }
+    // Nodes behind those of the cells are not unpacked either.
+    let more = packed("Int64", "connectivity", &vec![0; 8 * NODES as usize]);
+    let corners = [
+        0.0f64, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0,
+    ];
+    let corners: Vec<u8> = corners.into_iter().flat_map(f64::to_le_bytes).collect();
+    let parts = [
+        ("Points", packed("Float64", "Points", &corners)),
+        ("Cells", format!("{more}{ends}{types}")),
+    ];
+    let (error, memory) = broken("a.vtu", &vtu(4, 1, &parts));
+    assert!(error.expect("one node four times").contains("twice"));
+    assert!(memory < MOST_MEMORY, "{memory} bytes");
+}
+
+/// Regions of `.vtu` by the array's name; pieces that have none are in region 0.
+#[test]
+fn regions_are_those_of_a_named_array() {
+    let corners = "0 0 0 1 0 0 0 1 0 0 0 1 1 1 1";
+    let array = |kind: &str, name: &str, text: &str| {
+        format!("<DataArray type=\"{kind}\" Name=\"{name}\">{text}</DataArray>")
+    };
+    let cells = [
+        array("Int32", "connectivity", "0 1 2 3 1 2 3 4"),
+        array("Int32", "offsets", "4 8"),
+        array("UInt8", "types", "10 10"),
+    ];
+    let data = [
+        array("Int32", "my_ids", "5 6"),
+        array("Float32", "heat", "1.5 2.5"),
+        array("Int16", "mat_id", "3 4"),
+    ];
+    let bytes = vtu(
+        5,
+        2,
+        &[
+            ("CellData", data.concat()),
+            ("Points", array("Float64", "Points", corners)),
+            ("Cells", cells.concat()),
+        ],
+    );
+    let read =
+        |name| read_raw_mesh_with(Path::new("a.vtu"), 1.0, name, |_: &Path| Ok(bytes.clone()));
+    let mesh = read(None).expect("sound");
+    assert_eq!(mesh.regions, [3, 4]);
+    let told = mesh.notes.join("\n");
+    for words in ["cell array `mat_id`", "--region my_ids"] {
+        assert!(told.contains(words), "{words}: {told}");
+    }
+    assert!(!told.contains("heat"), "{told}");
+    assert_eq!(read(Some("my_ids")).expect("sound").regions, [5, 6]);
+    let said = read(Some("heat"))
+        .expect_err("no whole numbers")
+        .to_string();
+    assert!(said.contains("heat"), "{said}");
+    let said = read(Some("labels")).expect_err("none").to_string();
+    assert!(
+        said.contains("`labels`") && said.contains("my_ids, heat, mat_id"),
+        "{said}"
+    );
+    let other = |_: &Path| Ok(Vec::new());
+    let said = read_raw_mesh_with(Path::new("a.msh"), 1.0, Some("labels"), other);
+    assert!(
+        said.expect_err("no arrays")
+            .to_string()
+            .contains("`labels`")
+    );
 }

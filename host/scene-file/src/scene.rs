@@ -132,6 +132,9 @@ pub struct MeshSection {
     /// Metres per mesh unit: 0.001 for a mesh in millimetres. A body above 2 m or below 2 mm is warned of.
     #[schemars(with = "Option<f64>", extend("exclusiveMinimum" = 0.0))]
     pub scale_to_m: Option<Spanned<f64>>,
+    /// Cell array of a .vtk or .vtu file that has the regions; one of a name that is known when left out.
+    #[schemars(with = "Option<String>")]
+    pub region_array: Option<Spanned<String>>,
     /// Structured slab, centred in x and y, top at z = 0.
     #[schemars(with = "Option<SlabSection>")]
     pub slab: Option<Spanned<SlabSection>>,

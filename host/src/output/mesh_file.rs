@@ -3,11 +3,11 @@
 //! Entry point: [`write_mesh`]. Numbers are the shortest that read back to the same bits.
 
 use super::vtu::{Grid, grid};
-use super::write_whole;
 use crate::mesh::RawMesh;
 use std::fmt::Write;
 use std::io;
 use std::path::Path;
+use sutura_files::write_whole;
 
 /// File formats of meshes, by extension.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

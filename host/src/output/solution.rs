@@ -3,13 +3,14 @@
 //! Entry point: [`Solution`]. Signs: `force_n` and `torque_nm` in [`Reaction`] and [`HeldTool`] act **on
 //! the tissue**; the handle or the tool feels the opposite.
 
-use super::{Drawn, vtu, write_whole};
+use super::{Drawn, vtu};
 use crate::needle::{NeedleReport, TipPlace};
 use crate::wound::WoundReport;
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::io;
 use std::path::Path;
+use sutura_files::write_whole;
 
 /// What `sutura solve` writes. The keys of the JSON file are the names of these fields.
 #[derive(Clone, Debug, Serialize, JsonSchema)]

@@ -12,6 +12,8 @@ use mcap::read::{ChunkFlattener, Options};
 use mcap::records::Record;
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
+use sutura_files::read_plain;
+use sutura_models::memory::require;
 use sutura_shared::control::CODE;
 use sutura_shared::wire::{PROTOCOL_VERSION, SCHEMA_HASH};
 use thiserror::Error;
@@ -137,16 +139,25 @@ pub struct Recording {
     pub end: End,
 }
 
+/// Largest recording that is read \[bytes\]: a day has 14 to 43 GB.
+const MOST_BYTES: u64 = 64 << 30;
+
 impl Recording {
     /// Reads a file.
     ///
     /// # Errors
     /// [`RecordingError`], but for one that was cut off: see [`Recording::end`].
     pub fn read(path: &Path) -> Result<Recording, RecordingError> {
-        let bytes = std::fs::read(path).map_err(|error| RecordingError::Unreadable {
+        let unreadable = |reason: String| RecordingError::Unreadable {
             path: path.to_owned(),
-            reason: error.to_string(),
-        })?;
+            reason,
+        };
+        // The bytes, and what they say.
+        let length = path
+            .metadata()
+            .map_or(0, |found| found.len().min(MOST_BYTES));
+        require("a recording", 2 * length).map_err(|shortage| unreadable(shortage.to_string()))?;
+        let bytes = read_plain(path, MOST_BYTES).map_err(|error| unreadable(error.to_string()))?;
         Self::from_bytes(path, &bytes)
     }
 

@@ -10,7 +10,8 @@ use std::collections::BTreeMap;
 use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use sutura_files::{MOST_TEXT, read_plain};
 use sutura_models::memory::Shortage;
 use thiserror::Error;
 use toml::Spanned;
@@ -144,9 +145,18 @@ pub struct Document {
 #[derive(Clone, Debug)]
 enum Files {
     /// On disk; those that have been read so far are kept.
-    Disk(Arc<Mutex<BTreeMap<String, Vec<u8>>>>),
+    Disk(Arc<Mutex<Read>>),
     /// These and no others.
     Given(Arc<BTreeMap<String, Vec<u8>>>),
+}
+
+/// Files that have been read from disk.
+#[derive(Debug, Default)]
+struct Read {
+    /// By their paths as seen from the document's directory, without the document itself.
+    files: BTreeMap<String, Vec<u8>>,
+    /// Their paths, with the document's.
+    paths: Vec<PathBuf>,
 }
 
 /// A document with all files that were read for it: what it takes to read it again elsewhere.
@@ -166,7 +176,12 @@ impl Document {
     /// # Errors
     /// [`SceneError::Unreadable`] when the system says so, [`SceneError::NotText`].
     pub fn read(path: &Path) -> Result<Document, SceneError> {
-        Self::from_bytes(path, std::fs::read(path), Files::Disk(Arc::default()))
+        let read = Read {
+            paths: vec![path.to_owned()],
+            ..Read::default()
+        };
+        let files = Files::Disk(Arc::new(Mutex::new(read)));
+        Self::from_bytes(path, read_plain(path, MOST_TEXT), files)
     }
 
     /// What was read at `path`, or why not; the files that it names are among `files`.
@@ -205,13 +220,21 @@ impl Document {
     /// The document and every file that has been read through it so far.
     pub fn sources(&self) -> Sources {
         let files = match &self.files {
-            Files::Disk(read) => read.lock().unwrap_or_else(PoisonError::into_inner).clone(),
+            Files::Disk(read) => lock(read).files.clone(),
             Files::Given(files) => (**files).clone(),
         };
         Sources {
             name: self.name.clone(),
             text: self.text.clone(),
             files,
+        }
+    }
+
+    /// Every file on disk that has been read for the document so far, and its own: what nothing may be written over.
+    pub fn paths(&self) -> Vec<PathBuf> {
+        match &self.files {
+            Files::Disk(read) => lock(read).paths.clone(),
+            Files::Given(_) => Vec::new(),
         }
     }
 
@@ -247,20 +270,21 @@ impl Document {
         self.directory.join(path)
     }
 
-    /// The bytes of a file at a [resolved](Self::resolve) path.
+    /// Reads a plain file of at most `most` bytes at a [resolved](Self::resolve) path.
     ///
     /// # Errors
-    /// What the system says of it.
-    pub fn file(&self, path: &Path) -> io::Result<Vec<u8>> {
+    /// As of [`read_plain`].
+    pub fn file(&self, path: &Path, most: u64) -> io::Result<Vec<u8>> {
         let key = self.key(path);
         match &self.files {
             Files::Given(files) => files.get(&key).cloned().ok_or_else(|| {
                 io::Error::new(io::ErrorKind::NotFound, "it did not come with the document")
             }),
             Files::Disk(read) => {
-                let bytes = std::fs::read(path)?;
-                let mut read = read.lock().unwrap_or_else(PoisonError::into_inner);
-                read.insert(key, bytes.clone());
+                let bytes = read_plain(path, most)?;
+                let mut read = lock(read);
+                read.paths.push(path.to_owned());
+                read.files.insert(key, bytes.clone());
                 Ok(bytes)
             }
         }
@@ -270,7 +294,7 @@ impl Document {
     pub fn has_file(&self, path: &Path) -> bool {
         match &self.files {
             Files::Given(files) => files.contains_key(&self.key(path)),
-            Files::Disk(_) => path.is_file(),
+            Files::Disk(_) => path.exists(),
         }
     }
 
@@ -279,7 +303,7 @@ impl Document {
     /// # Errors
     /// As of [`Document::read`].
     pub fn open(&self, path: &Path) -> Result<Document, SceneError> {
-        Self::from_bytes(path, self.file(path), self.files.clone())
+        Self::from_bytes(path, self.file(path, MOST_TEXT), self.files.clone())
     }
 
     fn key(&self, path: &Path) -> String {
@@ -392,6 +416,10 @@ impl Document {
             Some("`inf` and `nan` are no places"),
         ))
     }
+}
+
+fn lock(read: &Mutex<Read>) -> MutexGuard<'_, Read> {
+    read.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// What to do who asks for cells of a higher order.

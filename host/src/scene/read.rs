@@ -281,18 +281,27 @@ fn read_mesh(
         MeshSection {
             file: Some(file),
             scale_to_m: Some(scale),
+            region_array,
             slab: None,
             part,
         } if part.is_empty() => {
             let help = "metres per unit of the mesh file: 0.001 for a mesh in millimetres";
             let scale = document.number("scale_to_m", scale, "positive", |s| s > 0.0, help)?;
             let path = document.resolve(file.get_ref());
-            let raw = mesh::read_raw_mesh_with(&path, scale, |path| document.file(path));
+            let array = region_array.as_ref().map(|name| name.get_ref().as_str());
+            let raw = mesh::read_raw_mesh_with(&path, scale, array, |path| {
+                document.file(path, mesh::MOST_BYTES)
+            });
             let checked = raw.and_then(|mut raw| {
                 let notes = std::mem::take(&mut raw.notes);
                 Ok((raw.check()?, notes))
             });
             let (mesh, notes) = checked.map_err(|error| {
+                if let (MeshError::NoCellArray { .. }, Some(name)) = (&error, region_array) {
+                    let message = format!("the mesh {}: {error}", path.display());
+                    let help = "cell arrays of .vtk and .vtu files have names; `sutura mesh info` lists those that are not used";
+                    return document.flaw(name.span(), message, "no such cell array", Some(help));
+                }
                 let (message, help) = match error {
                     MeshError::Unreadable { file, reason } => (
                         format!("cannot read the mesh {file}: {reason}"),
@@ -314,12 +323,14 @@ fn read_mesh(
         MeshSection {
             file: None,
             scale_to_m: None,
+            region_array: None,
             slab: Some(slab),
             part,
         } if part.is_empty() => read_slab(document, slab).map(without_notes),
         MeshSection {
             file: None,
             scale_to_m: None,
+            region_array: None,
             slab: None,
             part,
         } if !part.is_empty() => read_parts(document, part).map(without_notes),

@@ -3,7 +3,7 @@
 //! Entry point: [`read_shape`].
 
 use super::document::{Document, SceneError};
-use crate::mesh::{SurfaceFlaw, SurfaceFormat};
+use crate::mesh::{MOST_BYTES, SurfaceFlaw, SurfaceFormat};
 use crate::tool::{self, ClosedMesh, Shape, Tool};
 use nalgebra::Vector3;
 use std::ops::Range;
@@ -234,7 +234,7 @@ fn read_mesh(document: &Document, spanned: &Spanned<ToolSection>) -> Result<Shap
     let help = "metres per unit of the mesh file: 0.001 for a mesh in millimetres";
     let scale_to_m = document.number("scale_to_m", scale, "positive", |s| s > 0.0, help)?;
     let path = document.resolve(file.get_ref());
-    let bytes = document.file(&path).map_err(|error| {
+    let bytes = document.file(&path, MOST_BYTES).map_err(|error| {
         let message = format!("cannot read the mesh {}: {error}", path.display());
         let help = "the path is relative to the scene file";
         document.flaw(file.span(), message, "this file", Some(help))

@@ -4,19 +4,19 @@
 //! from the number of nodes by a few runs.
 
 use super::{
-    Hint, QUICK_NODES, Times, bad, format_of, hints, measure, never_over_itself, print_text,
-    print_times, write,
+    Hint, QUICK_NODES, Times, bad, format_of, hints, measure, print_text, print_times, write,
 };
 use crate::failure::{Cause, Failure};
-use crate::{Format, Global, display, files};
+use crate::{Format, Global, display};
 use clap::Args;
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use sutura_files::read_plain;
 use sutura_host::mesh::{
-    MeshError, MeshReport, RawMesh, Repaired, SurfaceFlaw, SurfaceFormat, TriangleMesh,
+    MOST_BYTES, MeshError, MeshReport, RawMesh, Repaired, SurfaceFlaw, SurfaceFormat, TriangleMesh,
     read_raw_mesh,
 };
 use sutura_host::tool::crossing;
@@ -25,8 +25,12 @@ use sutura_host::tool::crossing;
 const CLOSE: f64 = 0.1;
 /// Runs of gmsh at most: the number of nodes goes with the size of cells almost as the cube, three are mostly enough.
 const MOST_RUNS: u32 = 8;
+/// Lines of gmsh that a message has at most.
+const MOST_TOLD: usize = 8;
 /// gmsh works in millimetres \[m\]: its tolerances are made for numbers about 1.
 const MM: f64 = 0.001;
+/// The head of the surface that gmsh is given, filled up with blanks to 80 bytes.
+const HEAD: &str = "binary STL in millimetres, by sutura";
 
 /// Arguments of `sutura mesh fill`.
 #[derive(Args, Debug)]
@@ -80,8 +84,7 @@ pub struct Filled {
 /// Bad input: a surface that is not closed, crosses itself, or cannot be read; failed: gmsh is not there, or does not do it.
 pub fn fill(args: &FillArgs, global: &Global) -> Result<(), Failure> {
     let format = format_of(&args.out)?;
-    never_over_itself(&args.surface, &args.out)?;
-    files::free(&args.out, global)?;
+    super::free(&args.out, &args.surface, global)?;
     let (surface, repaired) = read_surface(&args.surface, args.scale)?;
     let found = search(&surface, args)?;
     let mut report = MeshReport::of(&found.mesh).map_err(|error| bad(&args.surface, &error))?;
@@ -139,7 +142,7 @@ fn read_surface(path: &Path, scale: f64) -> Result<(TriangleMesh, Repaired), Fai
         let help = "write it as one of these: meshio convert part.off part.ply, or by the program that made it";
         refuse(error.to_string(), help)
     })?;
-    let bytes = std::fs::read(path).map_err(|error| {
+    let bytes = read_plain(path, MOST_BYTES).map_err(|error| {
         let message = format!("cannot read {}: {error}", path.display());
         refuse(message, "name a surface: sutura mesh fill --help")
     })?;
@@ -293,7 +296,8 @@ fn search(surface: &TriangleMesh, args: &FillArgs) -> Result<Found, Failure> {
 
 /// The surface as a binary STL file in millimetres: what came as 32 bits in these goes out as it came.
 fn stl(surface: &TriangleMesh) -> Vec<u8> {
-    let mut bytes = vec![0; 80];
+    // gmsh looks for a word in it: zeros before coordinates that are round are no surface to it.
+    let mut bytes = format!("{HEAD:80}").into_bytes();
     bytes.extend((surface.triangles.len() as u32).to_le_bytes());
     for corners in &surface.triangles {
         bytes.extend([0; 12]);
@@ -358,12 +362,11 @@ fn run_gmsh(folder: &Path, edge_m: f64) -> Result<RawMesh, Failure> {
         })?;
     let words = [output.stdout, output.stderr].concat();
     let words = String::from_utf8_lossy(&words);
-    let error = words.lines().find(|line| line.contains("Error"));
-    if !output.status.success() || error.is_some() || !filled.is_file() {
-        let last = error.or(words.lines().last()).unwrap_or("nothing");
+    let has_error = words.lines().any(|line| line.contains("Error"));
+    if !output.status.success() || has_error || !filled.is_file() {
         return Err(said(
-            format!("gmsh did not fill the surface; it says: {}", last.trim()),
-            "smooth and simplify the surface, or ask for more nodes: it is narrower somewhere than cells of this size",
+            format!("gmsh did not fill the surface; it says: {}", told(&words)),
+            "if that names no other cause, the surface is narrower somewhere than cells of this size: smooth and simplify it, or ask for more nodes",
         ));
     }
     let mesh = read_raw_mesh(&filled, MM).map_err(|error| {
@@ -372,4 +375,20 @@ fn run_gmsh(folder: &Path, edge_m: f64) -> Result<RawMesh, Failure> {
     })?;
     std::fs::remove_file(&filled).ok();
     Ok(mesh)
+}
+
+/// Errors and warnings among what gmsh printed, each once; without any, its last line.
+fn told(words: &str) -> String {
+    let is_flaw = |line: &&str| line.contains("Error") || line.contains("Warning");
+    let mut flaws: Vec<&str> = Vec::new();
+    for line in words.lines().map(str::trim).filter(is_flaw) {
+        if !flaws.contains(&line) && flaws.len() < MOST_TOLD {
+            flaws.push(line);
+        }
+    }
+    let last = words.lines().rfind(|line| !line.trim().is_empty());
+    match flaws.is_empty() {
+        true => last.unwrap_or("nothing").trim().to_owned(),
+        false => flaws.join("; "),
+    }
 }

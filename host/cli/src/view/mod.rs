@@ -109,7 +109,10 @@ pub fn run(args: &ViewArgs, global: &Global) -> Result<(), Failure> {
     }
     let stop = stop_on_signals()?;
     // What is refused is refused before a page says that there is something to see.
-    let what = What::of(args)?;
+    let what = What::of(args, global.overwrite)?;
+    for file in [&args.record, &args.shot].into_iter().flatten() {
+        crate::files::never_over(file, what.read())?;
+    }
     if let Some(shot) = &args.shot {
         return shot::take(args, what, shot, &stop);
     }
@@ -132,13 +135,23 @@ enum What {
 
 #[cfg(feature = "view")]
 impl What {
-    fn of(args: &ViewArgs) -> Result<What, Failure> {
+    fn of(args: &ViewArgs, overwrite: bool) -> Result<What, Failure> {
         let is_recording = |file: &&PathBuf| file.extension().is_some_and(|end| end == "mcap");
         if let Some(file) = args.file.as_ref().filter(is_recording) {
             return Ok(What::Recording(Box::new(recorded::Opened::read(file)?)));
         }
         let _shown = crate::work::watch();
-        Ok(What::Scene(Box::new(prepare::Prepared::of(args.wish())?)))
+        Ok(What::Scene(Box::new(prepare::Prepared::of(
+            args.wish(overwrite),
+        )?)))
+    }
+
+    /// Files that are read for it.
+    fn read(&self) -> &[PathBuf] {
+        match self {
+            What::Scene(scene) => &scene.read,
+            What::Recording(recording) => std::slice::from_ref(&recording.file),
+        }
     }
 
     /// Until `stop` is set; where a time is given, standing still there.
@@ -162,12 +175,13 @@ impl What {
 #[cfg(feature = "view")]
 impl ViewArgs {
     /// What the sandbox is to be.
-    fn wish(&self) -> prepare::Wish {
+    fn wish(&self, overwrite: bool) -> prepare::Wish {
         prepare::Wish {
             scene: self.file.clone(),
             tissue: self.tissue,
             host_hz: self.host_hz,
             is_recorded: self.record.is_some(),
+            overwrite,
             ..prepare::Wish::default()
         }
     }

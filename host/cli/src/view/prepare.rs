@@ -32,6 +32,8 @@ pub struct Wish {
     pub written: BTreeMap<&'static str, f64>,
     /// Whether it is recorded.
     pub is_recorded: bool,
+    /// Whether that may write over files that are there.
+    pub overwrite: bool,
 }
 
 /// A session that can begin.
@@ -42,6 +44,8 @@ pub struct Prepared {
     pub scene: Scene,
     /// All that it takes to read that again.
     pub sources: Sources,
+    /// Files that it was read from.
+    pub read: Vec<PathBuf>,
     /// How it runs.
     pub plan: Plan,
     /// What can be set of it.
@@ -88,6 +92,7 @@ impl Prepared {
             wish,
             scene,
             sources,
+            read: edited.paths(),
             plan,
             solver,
         })

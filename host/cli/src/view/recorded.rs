@@ -10,7 +10,7 @@ use super::telemetry::Telemetry;
 use crate::failure::Failure;
 use crate::recording::failure;
 use serde_json::{Value, json};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use sutura_host::picture::{Painter, SolvesOf};
@@ -29,6 +29,8 @@ const LOOK_EVERY: Duration = Duration::from_millis(50);
 
 /// A recording that can be shown.
 pub struct Opened {
+    /// Its file.
+    pub file: PathBuf,
     recording: Recording,
     scene: Scene,
 }
@@ -41,7 +43,11 @@ impl Opened {
     pub fn read(file: &Path) -> Result<Opened, Failure> {
         let recording = Recording::read(file).map_err(failure)?;
         let scene = crate::scene::recorded(&recording)?;
-        Ok(Opened { recording, scene })
+        Ok(Opened {
+            file: file.to_owned(),
+            recording,
+            scene,
+        })
     }
 }
 
@@ -55,7 +61,9 @@ pub fn show(
     at: Option<&At>,
     stop: &AtomicBool,
 ) -> Result<(), Failure> {
-    let Opened { recording, scene } = opened;
+    let Opened {
+        recording, scene, ..
+    } = opened;
     let about = &recording.about;
     let shared = page.shared();
     let solvable = about.begins != Begins::Later;

@@ -8,7 +8,7 @@ use super::helm::{COMMANDS, Ended, Helm};
 use super::live::Live;
 use super::page::Page;
 use super::prepare::Prepared;
-use super::saves::{Saves, numbered, unused};
+use super::saves::{Saves, named, unused};
 use super::settings::Setting;
 use super::show::Show;
 use crate::failure::{Cause, Failure};
@@ -56,7 +56,7 @@ pub fn run(
     };
     for number in 1.. {
         let file = match record {
-            Some(file) => numbered(file, number),
+            Some(file) => named(file, number, (&prepared.read, prepared.wish.overwrite)),
             None => unused(Path::new(RECORDED)),
         };
         let file = Some(file).filter(|_| prepared.wish.is_recorded);
@@ -104,6 +104,7 @@ fn session(
         plan,
         settings,
         mut solver,
+        ..
     } = prepared;
     let show = Show::begin(page, &scene, &plan, &solver, &kind, live.map(Live::tap))?;
     let about = About {

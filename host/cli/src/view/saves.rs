@@ -4,6 +4,7 @@
 //! beside the recording that was asked for there, and take nobody's place.
 
 use super::telemetry::Telemetry;
+use crate::files::{has_something, never_over};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -122,8 +123,17 @@ pub fn unused(file: &Path) -> PathBuf {
     found.unwrap_or_else(|| file.to_owned())
 }
 
+/// The file of a session with this number: the first of the name itself or with a number from there on that may be written. With
+/// `overwrite` that is each that is not among those which are `read`.
+pub fn named(file: &Path, number: u32, (read, overwrite): (&[PathBuf], bool)) -> PathBuf {
+    let is_free =
+        |path: &PathBuf| never_over(path, read).is_ok() && (overwrite || !has_something(path));
+    let mut names = (number..).map(|number| numbered(file, number));
+    names.find(is_free).unwrap_or_else(|| file.to_owned())
+}
+
 /// The first has the name itself.
-pub fn numbered(file: &Path, number: u32) -> PathBuf {
+fn numbered(file: &Path, number: u32) -> PathBuf {
     if number == 1 {
         return file.to_owned();
     }
@@ -143,7 +153,18 @@ mod tests {
         for expected in ["a.mcap", "a-2.mcap", "a-3.mcap"] {
             let path = unused(&file);
             assert_eq!(path, folder.path().join(expected));
-            std::fs::write(&path, b"")?;
+            std::fs::write(&path, b"1")?;
+        }
+        // A session's number is where the search begins, and what is read is passed whatever is asked.
+        let read = [folder.path().join("a-2.mcap")];
+        let of = |number, overwrite| named(&file, number, (&read, overwrite));
+        for (found, expected) in [
+            (of(1, false), "a-4.mcap"),
+            (of(1, true), "a.mcap"),
+            (of(2, true), "a-3.mcap"),
+            (of(5, false), "a-5.mcap"),
+        ] {
+            assert_eq!(found, folder.path().join(expected));
         }
         Ok(())
     }

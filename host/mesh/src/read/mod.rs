@@ -7,6 +7,7 @@ mod abaqus;
 mod gather;
 mod medit;
 mod msh;
+mod regions;
 mod scan;
 mod tetgen;
 mod vtk;
@@ -20,6 +21,10 @@ pub(crate) use scan::{Coding, Endian, Kind, Number, Scan};
 use super::{MeshError, RawMesh, TetMesh};
 use std::io;
 use std::path::Path;
+use sutura_files::read_plain;
+
+/// Largest mesh or surface that is read \[bytes\].
+pub const MOST_BYTES: u64 = 1 << 30;
 
 /// Reads and checks `.msh` (gmsh 2.2 and 4.1), `.node` or `.ele` (tetgen; each finds the other beside it), `.vtk`
 /// (legacy), `.vtu`, `.mesh` (medit) or `.inp` (abaqus), in units of `scale_to_m` metres.
@@ -28,7 +33,7 @@ use std::path::Path;
 /// A [`MeshError`]: with the line or byte for what cannot be read, with the file's number of the element or
 /// node for a mesh that fails a check.
 pub fn read_mesh(path: &Path, scale_to_m: f64) -> Result<TetMesh, MeshError> {
-    read_mesh_with(path, scale_to_m, |path| std::fs::read(path))
+    read_mesh_with(path, scale_to_m, |path| read_plain(path, MOST_BYTES))
 }
 
 /// As [`read_mesh`], with the bytes of each file from `file`.
@@ -40,7 +45,7 @@ pub fn read_mesh_with(
     scale_to_m: f64,
     file: impl Fn(&Path) -> io::Result<Vec<u8>>,
 ) -> Result<TetMesh, MeshError> {
-    read_raw_mesh_with(path, scale_to_m, file)?.check()
+    read_raw_mesh_with(path, scale_to_m, None, file)?.check()
 }
 
 /// As [`read_mesh`], without a look at the mesh in the file.
@@ -48,16 +53,18 @@ pub fn read_mesh_with(
 /// # Errors
 /// A [`MeshError`] for what cannot be read, and for cells with nodes that do not exist.
 pub fn read_raw_mesh(path: &Path, scale_to_m: f64) -> Result<RawMesh, MeshError> {
-    read_raw_mesh_with(path, scale_to_m, |path| std::fs::read(path))
+    read_raw_mesh_with(path, scale_to_m, None, |path| read_plain(path, MOST_BYTES))
 }
 
-/// As [`read_raw_mesh`], with the bytes of each file from `file`.
+/// As [`read_raw_mesh`], with the bytes of each file from `file`, and the regions from the cell array of the name
+/// `region_array`, if one is given.
 ///
 /// # Errors
-/// As there.
+/// As there, and [`MeshError::NoCellArray`].
 pub fn read_raw_mesh_with(
     path: &Path,
     scale_to_m: f64,
+    region_array: Option<&str>,
     file: impl Fn(&Path) -> io::Result<Vec<u8>>,
 ) -> Result<RawMesh, MeshError> {
     let read = |path: &Path| {
@@ -67,34 +74,20 @@ pub fn read_raw_mesh_with(
         })
     };
     let extension = path.extension().and_then(|extension| extension.to_str());
+    if let (Some(name), Some("msh" | "node" | "ele" | "mesh" | "inp")) = (region_array, extension) {
+        return Err(regions::no_array(name, &[]));
+    }
     let mesh = match extension {
         Some("msh") => read_msh_raw(&read(path)?)?,
         Some("node" | "ele") => tetgen::read_tetgen(
             &read(&path.with_extension("node"))?,
             &read(&path.with_extension("ele"))?,
         )?,
-        Some("vtk") => vtk::read_vtk(&read(path)?)?,
-        Some("vtu") => vtu::read_vtu(&read(path)?)?,
+        Some("vtk") => vtk::read_vtk(&read(path)?, region_array)?,
+        Some("vtu") => vtu::read_vtu(&read(path)?, region_array)?,
         Some("mesh") => medit::read_medit(&read(path)?)?,
         Some("inp") => abaqus::read_abaqus(&read(path)?)?,
         _ => return Err(MeshError::Extension(path.display().to_string())),
     };
     mesh.scaled(scale_to_m)
-}
-
-/// Names under which programs write the region of a cell: this one's, gmsh's, meshio's, pyvista's, VTK's.
-const REGION_NAMES: [&str; 8] = [
-    "region",
-    "regions",
-    "CellEntityIds",
-    "gmsh:physical",
-    "medit:ref",
-    "material",
-    "MaterialIds",
-    "RegionId",
-];
-
-/// Whether an array of this name has the regions of cells.
-fn names_regions(name: &str) -> bool {
-    REGION_NAMES.iter().any(|n| n.eq_ignore_ascii_case(name))
 }

@@ -81,7 +81,8 @@ pub fn read_msh_raw<B: AsRef<[u8]> + ?Sized>(file: &B) -> Result<RawMesh, MeshEr
             ("Elements", Version::V22) => file.elements_22_binary(&mut scan)?,
             ("Elements", Version::V41) => file.elements_41(&mut scan)?,
             ("PhysicalNames", _) => file.physical_names(&mut scan)?,
-            ("Entities", Version::V41) => file.entities(&mut scan)?,
+            ("Entities", Version::V41) => file.entities(&mut scan, false)?,
+            ("PartitionedEntities", Version::V41) => file.entities(&mut scan, true)?,
             _ => {
                 if !scan.skip_to(&end) {
                     return Err(scan.cut_off(&end));
@@ -180,8 +181,25 @@ impl File {
         Ok(())
     }
 
-    /// Of each part of the geometry its number, its place or six bounds, how many groups, the groups, what bounds it.
-    fn entities(&mut self, scan: &mut Scan) -> Result<(), MeshError> {
+    /// Parts of the geometry, and in a mesh that is cut into partitions what becomes of them there, of each: its number, in a
+    /// partition its parent and the partitions, its place or six bounds, how many groups, the groups, what bounds it.
+    fn entities(&mut self, scan: &mut Scan, is_partitioned: bool) -> Result<(), MeshError> {
+        if is_partitioned {
+            let what = "the number of partitions";
+            scan.record(what)?;
+            scan.index(SIZE, what)?;
+            scan.end_record(what)?;
+            let what = "the number of ghost entities, then of each its number and its partition";
+            scan.record(what)?;
+            let ghosts = scan.index(SIZE, what)?;
+            scan.end_record(what)?;
+            for _ in 0..ghosts {
+                scan.record(what)?;
+                scan.region(INT, what)?;
+                scan.region(INT, what)?;
+                scan.end_record(what)?;
+            }
+        }
         let what = "numbers of points, curves, surfaces, volumes";
         scan.record(what)?;
         let mut counts = [0; 4];
@@ -189,29 +207,60 @@ impl File {
             *count = scan.index(SIZE, what)?;
         }
         scan.end_record(what)?;
-        let what = "a part of the geometry: number, bounds, number of physical groups, the groups, what bounds it";
         for (dimension, count) in (0..).zip(counts) {
             for _ in 0..count {
-                scan.record(what)?;
-                let number = scan.region(INT, what)?;
-                for _ in 0..if dimension == 0 { 3 } else { 6 } {
-                    scan.real(Kind::F64, what)?;
-                }
-                for group in 0..scan.index(SIZE, what)? {
-                    let physical = scan.region(INT, what)?;
-                    if group == 0 && dimension == VOLUME {
-                        self.group_of.insert(number, physical);
-                    }
-                }
-                if dimension > 0 {
-                    for _ in 0..scan.index(SIZE, what)? {
-                        scan.region(INT, what)?;
-                    }
-                }
-                scan.end_record(what)?;
+                self.entity(scan, dimension, is_partitioned)?;
             }
         }
         Ok(())
+    }
+
+    /// One of them. A part of a partition has its parent's group where it has none of its own.
+    fn entity(
+        &mut self,
+        scan: &mut Scan,
+        dimension: u64,
+        is_partitioned: bool,
+    ) -> Result<(), MeshError> {
+        let what = match is_partitioned {
+            true => {
+                "a part of a partition: number, parent, partitions, bounds, number of physical groups, the groups, what bounds it"
+            }
+            false => {
+                "a part of the geometry: number, bounds, number of physical groups, the groups, what bounds it"
+            }
+        };
+        scan.record(what)?;
+        let number = scan.region(INT, what)?;
+        let mut group = None;
+        if is_partitioned {
+            let parent_dimension = scan.region(INT, what)?;
+            let parent = scan.region(INT, what)?;
+            if parent_dimension == VOLUME as i64 {
+                group = self.group_of.get(&parent).copied();
+            }
+            for _ in 0..scan.index(SIZE, what)? {
+                scan.region(INT, what)?;
+            }
+        }
+        for _ in 0..if dimension == 0 { 3 } else { 6 } {
+            scan.real(Kind::F64, what)?;
+        }
+        for index in 0..scan.index(SIZE, what)? {
+            let physical = scan.region(INT, what)?;
+            if index == 0 {
+                group = Some(physical);
+            }
+        }
+        if let (VOLUME, Some(group)) = (dimension, group) {
+            self.group_of.insert(number, group);
+        }
+        if dimension > 0 {
+            for _ in 0..scan.index(SIZE, what)? {
+                scan.region(INT, what)?;
+            }
+        }
+        scan.end_record(what)
     }
 
     fn nodes_22(&mut self, scan: &mut Scan) -> Result<(), MeshError> {
@@ -485,6 +534,24 @@ mod tests {
         let new = FILE_41.replace("1 0 0 0 1 1 1 0 0\n", "1 0 0 0 1 1 1 2 5 6 0\n");
         let new = read_msh(&new, 1.0).expect("4.1");
         assert_eq!(new.regions(), [5, 5], "of two groups the first");
+    }
+
+    /// As gmsh cuts a box into two partitions: its volume 1 becomes 2 and 3, the one with a group of its own.
+    #[test]
+    fn parts_of_partitions_have_their_parents_groups() {
+        let entities = "1 0 0 0 1 1 1 1 7 0\n";
+        let partitions = "$EndEntities\n$PartitionedEntities\n2\n1\n9 2\n1 1 0 2\n\
+            4 0 1 1 2 0 0 0 0\n5 1 1 1 2 0 0 0 1 0 0 0 2 4 -4\n\
+            2 3 1 1 1 0 0 0 1 1 1 0 1 3\n3 3 1 2 1 2 0 0 0 1 1 1 1 8 0\n\
+            $EndPartitionedEntities\n";
+        let elements =
+            "$Elements\n2 2 7 8\n3 2 4 1\n7 10 20 30 40\n3 3 4 1\n8 20 30 40 50\n$EndElements\n";
+        let file = FILE_41
+            .replace("1 0 0 0 1 1 1 0 0\n", entities)
+            .replace("$EndEntities\n", partitions);
+        let (head, _) = file.split_once("$Elements").expect("a section");
+        let mesh = read_msh(&format!("{head}{elements}"), 1.0).expect("partitioned");
+        assert_eq!(mesh.regions(), [7, 8]);
     }
 
     #[test]

@@ -5,16 +5,17 @@
 
 use super::super::{MeshError, Place, RawMesh};
 use super::gather::{Gather, Shape};
-use super::names_regions;
+use super::regions::{Head, RegionArrays};
 use super::scan::{Coding, Endian, Kind, Scan};
 
 /// Reads a file, in its own unit of length.
 ///
-/// Points, lines and faces are left out; a cell array named as in `REGION_NAMES` gives the regions.
+/// Points, lines and faces are left out. Regions are those of the cell array of the name `region_array`, or of a
+/// name that is known.
 ///
 /// # Errors
 /// A [`MeshError`] with the line or byte; volume cells other than tetrahedra are refused.
-pub(super) fn read_vtk(bytes: &[u8]) -> Result<RawMesh, MeshError> {
+pub(super) fn read_vtk(bytes: &[u8], region_array: Option<&str>) -> Result<RawMesh, MeshError> {
     let mut file = Scan::new(bytes, Coding::Words, None);
     let head = String::from_utf8_lossy(file.rest_of_line()).into_owned();
     let Some(version) = head.strip_prefix("# vtk DataFile Version") else {
@@ -31,7 +32,7 @@ pub(super) fn read_vtk(bytes: &[u8]) -> Result<RawMesh, MeshError> {
     }
     file.keyword("DATASET")?;
     file.keyword("UNSTRUCTURED_GRID")?;
-    let mut grid = Grid::default();
+    let mut grid = Grid::new(region_array);
     while let Some(word) = file.next_word() {
         match word {
             "POINTS" => {
@@ -109,9 +110,18 @@ pub(super) struct Grid {
     /// Type of every cell, and where it stands.
     pub kinds: Vec<(u64, Place)>,
     pub regions: Vec<i64>,
+    pub arrays: RegionArrays,
 }
 
 impl Grid {
+    /// An empty one, whose regions are in the cell array of this name.
+    pub fn new(region_array: Option<&str>) -> Self {
+        Self {
+            arrays: RegionArrays::new(region_array),
+            ..Self::default()
+        }
+    }
+
     /// Cells of version 5: where each ends, from a 0 on, and the nodes of all.
     fn read_offsets(&mut self, file: &mut Scan) -> Result<(), MeshError> {
         let count = file.text_index("the number of offsets")?;
@@ -248,11 +258,20 @@ impl Grid {
         name: &str,
         [tuples, width]: [u64; 2],
     ) -> Result<(), MeshError> {
+        let name = &decoded(name);
         let what = format!("the values of the array {name}");
-        let has_regions = of_cells && width == 1 && names_regions(name) && self.regions.is_empty();
+        let head = Head {
+            name,
+            width,
+            is_whole: !matches!(kind, Kind::F32 | Kind::F64),
+        };
+        let has_regions = of_cells && self.arrays.takes(head);
         if has_regions && tuples != self.kinds.len() as u64 {
             let cells = format!("a region for each of {} cells", self.kinds.len());
             return Err(file.expected(&cells, &tuples.to_string()));
+        }
+        if has_regions {
+            self.regions.clear();
         }
         for _ in 0..tuples.saturating_mul(width) {
             if has_regions {
@@ -283,8 +302,26 @@ impl Grid {
             let name = format!("{kind} of VTK");
             gather.cell(at, index as u64, (shape(kind), &name), region, nodes)?;
         }
+        gather.notes = self.arrays.end()?;
         gather.into_mesh()
     }
+}
+
+/// A name as it was before it was written: legacy files have blanks and signs as `%20`.
+fn decoded(name: &str) -> String {
+    let mut bytes = Vec::with_capacity(name.len());
+    let mut rest = name.as_bytes();
+    while let Some((&first, after)) = rest.split_first() {
+        let code = after.get(..2).filter(|_| first == b'%');
+        let code = code.and_then(|two| std::str::from_utf8(two).ok());
+        let byte = code.and_then(|two| u8::from_str_radix(two, 16).ok());
+        bytes.push(byte.unwrap_or(first));
+        rest = match byte {
+            Some(_) => &after[2..],
+            None => after,
+        };
+    }
+    String::from_utf8_lossy(&bytes).into_owned()
 }
 
 /// What VTK's types of cells are.
@@ -316,7 +353,7 @@ mod tests {
     #[test]
     fn both_kinds_of_cells_are_read() {
         for text in [OLD, NEW] {
-            let mesh = read_vtk(text.as_bytes()).expect("a sound mesh");
+            let mesh = read_vtk(text.as_bytes(), None).expect("a sound mesh");
             assert_eq!(mesh.points_m[3], [0.0, 0.0, 1.0]);
             assert_eq!(
                 mesh.cells,
@@ -333,15 +370,35 @@ mod tests {
         let scalars = "CELL_DATA 3\nSCALARS pressure float 1\nLOOKUP_TABLE default\n1 nan 3\nSCALARS CellEntityIds int 1\nLOOKUP_TABLE default\n9\n7 8\n";
         let field = "POINT_DATA 5\nSCALARS region int\nLOOKUP_TABLE default\n1 1 1 1 1\nCELL_DATA 3\nFIELD FieldData 2\nid 1 3 int\n4 5 6\nregion 1 3 double\n9 7.0 8\n";
         for data in [scalars, field] {
-            let mesh = read_vtk(format!("{OLD}{data}").as_bytes()).expect("a sound mesh");
+            let mesh = read_vtk(format!("{OLD}{data}").as_bytes(), None).expect("a sound mesh");
             assert_eq!(mesh.regions, [7, 8]);
+        }
+    }
+
+    #[test]
+    fn arrays_are_taken_by_name_and_others_are_told() {
+        let data = "CELL_DATA 3\nFIELD FieldData 3\nmy%20ids 1 3 int\n4 5 6\nlabels 1 3 int\n9 7 8\nregion 1 3 short\n1 2 3\n";
+        let text = format!("{OLD}{data}");
+        let regions = |name: Option<&str>| read_vtk(text.as_bytes(), name).map(|mesh| mesh.regions);
+        assert_eq!(regions(None), Ok(vec![2, 3]));
+        assert_eq!(regions(Some("labels")), Ok(vec![7, 8]));
+        assert_eq!(regions(Some("my ids")), Ok(vec![5, 6]));
+        let said = regions(Some("mat")).expect_err("no such array").to_string();
+        assert!(
+            said.contains("`mat`") && said.contains("my ids, labels, region"),
+            "{said}"
+        );
+        let mesh = read_vtk(text.as_bytes(), None).expect("sound");
+        let told = mesh.notes.join("\n");
+        for name in ["--region my ids", "--region labels"] {
+            assert!(told.contains(name), "{name}: {told}");
         }
     }
 
     #[test]
     fn errors_name_the_line() {
         let refused = |text: &str, said: &[&str]| {
-            let error = read_vtk(text.as_bytes())
+            let error = read_vtk(text.as_bytes(), None)
                 .expect_err("a bad file")
                 .to_string();
             for words in said {

@@ -1,43 +1,68 @@
 //! Reads VTK's XML, `.vtu`: arrays as text, base64 or raw bytes, inline or appended, plain or compressed by zlib.
 //!
 //! Entry point: [`read_vtu`]. Format: VTK File Formats, "XML File Formats". Nothing is set aside for a count that the
-//! file announces; a block is unpacked no further than its size says.
+//! file announces. Cells come first, and arrays are unpacked no further than the cells need.
 
 use super::super::{MeshError, Place, RawMesh};
-use super::names_regions;
+use super::regions::Head;
 use super::scan::{Endian, Kind, Number, no_text};
 use super::vtk::Grid;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use flate2::read::ZlibDecoder;
-use roxmltree::{Document, Node};
+use roxmltree::{Document, Node, ParsingOptions};
+use std::cell::Cell;
 use std::io::Read;
 
-/// Reads a file, in its own unit of length. A cell array named as in `REGION_NAMES` gives the regions.
+/// Bytes of memory that a number takes here, whatever its type in the file.
+const A_NUMBER: u64 = 8;
+/// Memory that packed arrays may take at most \[bytes\], besides [`TIMES`] the file's size.
+const ROOM: u64 = 64 << 20;
+/// Packed meshes are a third to a fiftieth of what they take.
+const TIMES: u64 = 100;
+/// Elements of XML at most: a piece of a mesh has some twenty.
+const MOST_ELEMENTS: u32 = 1_000_000;
+
+/// Reads a file, in its own unit of length. Regions are those of the cell array of the name `region_array`, or of a
+/// name that is known.
 ///
 /// # Errors
 /// A [`MeshError`] with the line of the array; volume cells other than tetrahedra are refused.
-pub(super) fn read_vtu(bytes: &[u8]) -> Result<RawMesh, MeshError> {
+pub(super) fn read_vtu(bytes: &[u8], region_array: Option<&str>) -> Result<RawMesh, MeshError> {
     let (text, appended) = split(bytes)?;
-    let document = Document::parse(&text).map_err(|error| MeshError::Syntax {
-        at: Place::Line(error.pos().row as usize),
-        expected: "XML that is whole; is the file cut off?".into(),
-        found: error.to_string(),
-    })?;
+    let options = ParsingOptions {
+        nodes_limit: MOST_ELEMENTS,
+        ..ParsingOptions::default()
+    };
+    let document =
+        Document::parse_with_options(&text, options).map_err(|error| MeshError::Syntax {
+            at: Place::Line(error.pos().row as usize),
+            expected: "XML that is whole; is the file cut off?".into(),
+            found: error.to_string(),
+        })?;
+    let most = ROOM + TIMES * bytes.len() as u64;
     let file = File {
         document: &document,
         appended,
         layout: Layout::of(&document)?,
+        most,
+        room: Cell::new(most),
     };
     let root = document.root_element();
-    let mut grid = Grid::default();
-    let mut has_piece = false;
-    for piece in root.descendants().filter(|n| n.has_tag_name("Piece")) {
-        has_piece = true;
-        file.piece(piece, &mut grid)?;
-    }
-    if !has_piece {
+    let mut grid = Grid::new(region_array);
+    let pieces: Vec<_> = root
+        .descendants()
+        .filter(|n| n.has_tag_name("Piece"))
+        .collect();
+    if pieces.is_empty() {
         return Err(MeshError::NoSection("Piece"));
+    }
+    // One array has the regions in all pieces.
+    for array in pieces.iter().flat_map(|piece| arrays(*piece, "CellData")) {
+        grid.arrays.takes(head(array));
+    }
+    for piece in pieces {
+        file.piece(piece, &mut grid)?;
     }
     let end = file.place(root);
     grid.into_mesh(end)
@@ -134,16 +159,55 @@ impl Layout {
     }
 }
 
+/// The arrays of a part of a piece.
+fn arrays<'d>(piece: Node<'d, 'd>, of: &str) -> impl Iterator<Item = Node<'d, 'd>> {
+    let part = piece.children().find(|n| n.has_tag_name(of));
+    let children = part.into_iter().flat_map(|part| part.children());
+    children.filter(|n| n.has_tag_name("DataArray"))
+}
+
+fn head<'d>(array: Node<'d, 'd>) -> Head<'d> {
+    let width = array.attribute("NumberOfComponents").unwrap_or("1");
+    Head {
+        name: array.attribute("Name").unwrap_or(""),
+        width: width.trim().parse().unwrap_or(0),
+        is_whole: array.attribute("type").is_some_and(|of| of.contains("Int")),
+    }
+}
+
 struct File<'d> {
     document: &'d Document<'d>,
     appended: &'d [u8],
     layout: Layout,
+    /// Memory that binary arrays may take in all \[bytes\], and what is left of it.
+    most: u64,
+    room: Cell<u64>,
+}
+
+/// How many numbers of an array are needed, and what they are.
+#[derive(Clone, Copy)]
+struct Wanted<'w> {
+    count: u64,
+    what: &'w str,
+    /// Whether there may be no more.
+    exact: bool,
+}
+
+impl<'w> Wanted<'w> {
+    fn exactly(count: u64, what: &'w str) -> Self {
+        Self {
+            count,
+            what,
+            exact: true,
+        }
+    }
 }
 
 /// The numbers of an array.
 enum Values<'d> {
     Words(&'d str),
-    Bytes(Vec<u8>, Kind),
+    /// Bytes of those that are needed, their type, and how many there are in all.
+    Bytes(Vec<u8>, Kind, u64),
 }
 
 impl<'d> File<'d> {
@@ -174,50 +238,31 @@ impl<'d> File<'d> {
         count.map_err(|_| self.expected(piece, &format!("{key}, a number from 0 up"), text))
     }
 
-    /// Adds the points, cells and regions of a piece.
+    /// Adds the cells, points and regions of a piece.
     fn piece(&self, piece: Node<'d, 'd>, grid: &mut Grid) -> Result<(), MeshError> {
         let (points, cells) = (
             self.count(piece, "NumberOfPoints")?,
             self.count(piece, "NumberOfCells")?,
         );
-        let first = grid.points.len();
-        let array = |parent: &str, is: &dyn Fn(&str) -> bool| {
-            let parent = piece.children().find(|n| n.has_tag_name(parent))?;
-            let mut arrays = parent.children().filter(|n| n.has_tag_name("DataArray"));
-            arrays.find(|n| is(n.attribute("Name").unwrap_or("")))
+        let cell_array = |name: &'static str| {
+            let node = arrays(piece, "Cells").find(|n| n.attribute("Name") == Some(name));
+            node.ok_or(MeshError::NoSection(name))
         };
-        let need = |parent: &'static str, name: &'static str| {
-            let node = array(parent, &|n| name.is_empty() || n == name);
-            node.ok_or(MeshError::NoSection(if name.is_empty() {
-                parent
-            } else {
-                name
-            }))
-        };
-        let (mut point, mut filled) = ([0.0; 3], 0);
-        let coordinates = need("Points", "")?;
-        self.each(coordinates, |number| {
-            point[filled] = number.real();
-            filled = (filled + 1) % 3;
-            if filled == 0 {
-                grid.points.push(point);
-            }
-            true
+        // What is missing is missed before anything is unpacked.
+        let connectivity = cell_array("connectivity")?;
+        let (offsets, types) = (cell_array("offsets")?, cell_array("types")?);
+        let coordinates = arrays(piece, "Points").next();
+        let coordinates = coordinates.ok_or(MeshError::NoSection("Points"))?;
+
+        let (at, cells_before) = (self.place(types), grid.kinds.len());
+        self.each(types, Wanted::exactly(cells, "types"), |number| {
+            let kind = number.index();
+            kind.map(|kind| grid.kinds.push((kind, at))).is_some()
         })?;
-        self.agree(
-            coordinates,
-            (grid.points.len() - first) as u64,
-            points,
-            "points",
-        )?;
         let start = grid.nodes.len();
-        self.each(need("Cells", "connectivity")?, |number| {
-            let node = number.index().map(|node| node.saturating_add(first as u64));
-            node.map(|node| grid.nodes.push(node)).is_some()
-        })?;
-        let offsets = need("Cells", "offsets")?;
-        let (mut last, cells_before) = (start, grid.ends.len());
-        self.each(offsets, |number| {
+        let mut last = start;
+        let wanted = Wanted::exactly(cells, "offsets that ascend");
+        self.each(offsets, wanted, |number| {
             let offset = number.index().and_then(|end| usize::try_from(end).ok());
             let end = offset.and_then(|end| end.checked_add(start));
             end.filter(|end| *end >= last)
@@ -227,58 +272,52 @@ impl<'d> File<'d> {
                 })
                 .is_some()
         })?;
-        self.agree(
-            offsets,
-            (grid.ends.len() - cells_before) as u64,
-            cells,
-            "offsets that ascend",
-        )?;
-        let types = need("Cells", "types")?;
-        let (at, kinds_before) = (self.place(types), grid.kinds.len());
-        self.each(types, |number| {
-            number
-                .index()
-                .map(|kind| grid.kinds.push((kind, at)))
-                .is_some()
+        let first = grid.points.len();
+        let wanted = Wanted {
+            count: (last - start) as u64,
+            what: "nodes of cells",
+            exact: false,
+        };
+        self.each(connectivity, wanted, |number| {
+            let node = number.index().map(|node| node.saturating_add(first as u64));
+            node.map(|node| grid.nodes.push(node)).is_some()
         })?;
-        self.agree(
-            types,
-            (grid.kinds.len() - kinds_before) as u64,
-            cells,
-            "types",
-        )?;
+        let (mut point, mut filled) = ([0.0; 3], 0);
+        let wanted = Wanted::exactly(
+            points.saturating_mul(3),
+            "coordinates, three for each point,",
+        );
+        self.each(coordinates, wanted, |number| {
+            point[filled] = number.real();
+            filled = (filled + 1) % 3;
+            if filled == 0 {
+                grid.points.push(point);
+            }
+            true
+        })?;
         grid.regions.resize(cells_before, 0);
-        if let Some(regions) = array("CellData", &names_regions) {
-            self.each(regions, |number| {
-                number
-                    .region()
-                    .map(|region| grid.regions.push(region))
-                    .is_some()
+        let named = arrays(piece, "CellData").find(|array| {
+            head(*array).width == 1 && grid.arrays.taken() == array.attribute("Name")
+        });
+        if let Some(regions) = named.filter(|_| grid.arrays.taken().is_some()) {
+            self.each(regions, Wanted::exactly(cells, "regions"), |number| {
+                let region = number.region();
+                region.map(|region| grid.regions.push(region)).is_some()
             })?;
-            let count = grid.regions.len() - cells_before;
-            self.agree(regions, count as u64, cells, "regions")?;
         }
         Ok(())
     }
 
-    fn agree(
-        &self,
-        node: Node<'_, '_>,
-        found: u64,
-        announced: u64,
-        what: &str,
-    ) -> Result<(), MeshError> {
-        if found == announced {
-            return Ok(());
-        }
-        let expected = format!("{announced} {what} as announced");
-        Err(self.expected(node, &expected, &found.to_string()))
+    fn disagree(&self, node: Node<'_, '_>, wanted: Wanted<'_>, found: u64) -> MeshError {
+        let expected = format!("{} {} as announced", wanted.count, wanted.what);
+        self.expected(node, &expected, &found.to_string())
     }
 
     /// Calls `take` with each number, which says whether it is one that may stand there.
     fn each(
         &self,
         node: Node<'d, 'd>,
+        wanted: Wanted<'_>,
         mut take: impl FnMut(Number) -> bool,
     ) -> Result<(), MeshError> {
         let name = node.attribute("Name").unwrap_or("Points");
@@ -290,27 +329,32 @@ impl<'d> File<'d> {
                 false => Err(self.expected(node, &expected, &text())),
             }
         };
-        match self.values(node)? {
+        let most = usize::try_from(wanted.count).unwrap_or(usize::MAX);
+        let found = match self.values(node, wanted)? {
             Values::Words(text) => {
-                for word in text.split_ascii_whitespace() {
+                let mut words = text.split_ascii_whitespace();
+                let mut found = 0;
+                for word in words.by_ref().take(most) {
                     number(Number::parse(word), &|| word.to_owned())?;
+                    found += 1;
                 }
+                found + words.count() as u64
             }
-            Values::Bytes(bytes, kind) => {
-                let chunks = bytes.chunks_exact(kind.size());
-                if !chunks.remainder().is_empty() {
-                    return Err(self.cut_off(node, "a whole number of numbers"));
-                }
-                for chunk in chunks {
+            Values::Bytes(bytes, kind, found) => {
+                for chunk in bytes.chunks_exact(kind.size()) {
                     let read = kind.read(chunk, self.layout.endian);
                     number(Some(read), &|| format!("{read:?}"))?;
                 }
+                found
             }
+        };
+        match found == wanted.count || (found > wanted.count && !wanted.exact) {
+            true => Ok(()),
+            false => Err(self.disagree(node, wanted, found)),
         }
-        Ok(())
     }
 
-    fn values(&self, node: Node<'d, 'd>) -> Result<Values<'d>, MeshError> {
+    fn values(&self, node: Node<'d, 'd>, wanted: Wanted<'_>) -> Result<Values<'d>, MeshError> {
         let text = node.text().unwrap_or("").trim();
         let kind = match node.attribute("type") {
             Some("Int8") => Kind::I8,
@@ -348,16 +392,27 @@ impl<'d> File<'d> {
                 return Err(self.expected(node, "a format of ascii, binary or appended", other));
             }
         };
-        let bytes = match self.layout.is_compressed {
-            true => self.unpack(&mut stream),
-            false => {
-                let size = self.size(&mut stream);
-                size.and_then(|size| stream.take(size))
-            }
-        };
-        let bytes =
-            bytes.ok_or_else(|| self.cut_off(node, "all bytes, packed as the file says,"))?;
-        Ok(Values::Bytes(bytes, kind))
+        let cut_off = || self.cut_off(node, "all bytes, packed as the file says,");
+        let blocks = self.blocks(&mut stream).ok_or_else(cut_off)?;
+        if !blocks.bytes.is_multiple_of(kind.size() as u64) {
+            return Err(self.cut_off(node, "a whole number of numbers"));
+        }
+        let found = blocks.bytes / kind.size() as u64;
+        if found < wanted.count || (found > wanted.count && wanted.exact) {
+            return Err(self.disagree(node, wanted, found));
+        }
+        let room = self
+            .room
+            .get()
+            .checked_sub(wanted.count.saturating_mul(A_NUMBER));
+        self.room.set(room.ok_or(MeshError::Unpacked {
+            at: self.place(node),
+            most: self.most,
+        })?);
+        let needed = usize::try_from(wanted.count).unwrap_or(usize::MAX);
+        let needed = needed.saturating_mul(kind.size());
+        let bytes = blocks.unpack(&mut stream, needed).ok_or_else(cut_off)?;
+        Ok(Values::Bytes(bytes, kind, found))
     }
 
     /// A number of a header.
@@ -367,26 +422,77 @@ impl<'d> File<'d> {
         number.index().and_then(|size| usize::try_from(size).ok())
     }
 
-    /// Compressed: number of blocks, size of each and of the last before packing, packed sizes, the blocks.
-    fn unpack(&self, stream: &mut Stream<'_>) -> Option<Vec<u8>> {
+    /// The header of an array. Compressed: number of blocks, size of each and of the last before packing, packed sizes. Else how
+    /// many bytes follow.
+    fn blocks(&self, stream: &mut Stream<'_>) -> Option<Blocks> {
+        if !self.layout.is_compressed {
+            let bytes = self.size(stream)? as u64;
+            return Some(Blocks {
+                bytes,
+                size: 0,
+                packed: None,
+            });
+        }
         let [blocks, size, last] = [(); 3].map(|()| self.size(stream));
         let (blocks, size, last) = (blocks?, size?, last?);
         let packed: Option<Vec<usize>> = (0..blocks).map(|_| self.size(stream)).collect();
-        let packed = packed?;
         stream.pending.clear();
+        let whole = if last > 0 {
+            blocks.saturating_sub(1)
+        } else {
+            blocks
+        };
+        let of_last = if blocks > 0 { last } else { 0 };
+        let bytes = (size as u64)
+            .checked_mul(whole as u64)?
+            .checked_add(of_last as u64)?;
+        Some(Blocks {
+            bytes,
+            size,
+            packed: Some(packed?),
+        })
+    }
+}
+
+/// What the header of an array says.
+struct Blocks {
+    /// Bytes of all that follows, unpacked.
+    bytes: u64,
+    /// Bytes of each block but the last, unpacked.
+    size: usize,
+    /// Packed bytes of each block; none where it is not compressed.
+    packed: Option<Vec<usize>>,
+}
+
+impl Blocks {
+    /// The first bytes; those of a block are unpacked no further than its size says, and than is needed.
+    fn unpack(&self, stream: &mut Stream<'_>, needed: usize) -> Option<Vec<u8>> {
+        let Some(packed) = &self.packed else {
+            return stream.take(needed);
+        };
         let mut bytes = Vec::new();
-        for (block, packed) in packed.into_iter().enumerate() {
-            let is_last = block + 1 == blocks && last > 0;
-            let wanted = if is_last { last } else { size };
-            let end = bytes.len().checked_add(wanted)?;
-            let chunk = stream.take(packed)?;
+        for packed in packed {
+            let left = needed.checked_sub(bytes.len())?;
+            if left == 0 {
+                break;
+            }
+            let before = bytes.len();
+            let of_block = usize::try_from(self.bytes).map_or(self.size, |all| {
+                if self.size == 0 {
+                    all
+                } else {
+                    self.size.min(all - before)
+                }
+            });
+            let wanted = of_block.min(left);
+            let chunk = stream.take(*packed)?;
             let mut decoder = ZlibDecoder::new(&chunk[..]).take(wanted as u64);
             decoder.read_to_end(&mut bytes).ok()?;
-            if bytes.len() != end {
+            if bytes.len() != before + wanted {
                 return None;
             }
         }
-        Some(bytes)
+        (bytes.len() == needed).then_some(bytes)
     }
 }
 

@@ -8,9 +8,17 @@ use std::path::Path;
 
 /// Writes `bytes` to `path`; a reader, or a crash at any moment, finds the old file or the new one.
 ///
+/// A link stays a link to what is replaced. A device or a pipe is written itself.
+///
 /// # Errors
-/// What the system says: no such directory, no permission, a full disk. The old file stays.
+/// The system's: no such directory, no permission, a full disk. The old file stays.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let target = path.canonicalize();
+    let path = target.as_deref().unwrap_or(path);
+    let is_special = |found: fs::Metadata| !found.is_file() && !found.is_dir();
+    if path.metadata().is_ok_and(is_special) {
+        return OpenOptions::new().write(true).open(path)?.write_all(bytes);
+    }
     let name = path
         .file_name()
         .ok_or_else(|| io::Error::other("the path has no file name"))?;
@@ -59,6 +67,25 @@ mod tests {
         write_whole(&path, b"new").expect("second write");
         assert_eq!(fs::read(&path).expect("readable"), b"new");
         assert_eq!(entries(directory.path()), ["field.json"]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_stay_and_devices_are_written_themselves() {
+        let directory = tempfile::tempdir().expect("a directory");
+        let [path, link] = ["field.json", "link.json"].map(|name| directory.path().join(name));
+        fs::write(&path, b"old").expect("written");
+        std::os::unix::fs::symlink("field.json", &link).expect("a link");
+        write_whole(&link, b"new").expect("written");
+        assert_eq!(fs::read(&path).expect("readable"), b"new");
+        assert!(link.is_symlink());
+        let full = directory.path().join("full.json");
+        std::os::unix::fs::symlink("/dev/full", &full).expect("a link");
+        if Path::new("/dev/full").exists() {
+            let error = write_whole(&full, b"new").expect_err("a full disk");
+            assert_eq!(error.kind(), io::ErrorKind::StorageFull);
+            assert!(full.is_symlink());
+        }
     }
 
     /// A directory in the target's place makes the rename fail after the data was written.
