@@ -1,6 +1,9 @@
 //! Files that commands write: what is there is kept, folders are made before the work, and a full disk takes no result.
 
 use crate::support::{ran, root, sutura_in};
+use std::path::Path;
+use sutura_host::mesh::RawMesh;
+use sutura_host::output::{MeshFormat, write_mesh};
 
 const SESSION: [&str; 6] = ["run", "--lockstep", "--seconds", "0.1", "--format", "json"];
 
@@ -102,5 +105,273 @@ fn a_full_disk_takes_no_summary() {
         "{}",
         grown.stderr
     );
-    assert_eq!(grown.json()["ticks"], 1000, "{}", grown.stdout);
+    let summary = grown.json();
+    assert_eq!(summary["ticks"], 1000, "{}", grown.stdout);
+    assert_eq!(summary["status"], "failed", "{}", grown.stdout);
+}
+
+/// What a disk has no room for is no bad input, whoever writes it; a folder that is not there is.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_is_a_failure_of_every_writer() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = folder.path();
+    for name in ["full.json", "full.vtu", "full.vtk", "full.msh"] {
+        std::os::unix::fs::symlink("/dev/full", at.join(name)).expect("a link");
+    }
+    let scene = small(at, "scene.toml", "a");
+    let mesh = root().join("tests/data/cube_350.msh").display().to_string();
+    for line in [
+        ["solve", &scene, "--out", "full.json"],
+        ["solve", &scene, "--out", "full.vtu"],
+        ["mesh convert", &mesh, "--out", "full.vtk"],
+        ["mesh convert", &mesh, "--out", "full.msh"],
+    ] {
+        let words = line.iter().flat_map(|words| words.split(' '));
+        let words: Vec<&str> = words.chain(["--format", "json"]).collect();
+        let full = sutura_in(at, &words);
+        assert_eq!(full.code, 1, "{words:?}: {}", full.stderr);
+        assert_eq!(full.json()["status"], "failed", "{words:?}");
+        for said in [line[3], "No space left on device"] {
+            assert!(full.stderr.contains(said), "{words:?}: {}", full.stderr);
+        }
+        let none = words.iter().map(|word| word.replace("full", "none/full"));
+        let none: Vec<String> = none.collect();
+        let none: Vec<&str> = none.iter().map(String::as_str).collect();
+        assert_eq!(sutura_in(at, &none).code, 2, "{none:?}");
+    }
+}
+
+/// A sphere over a slab of few cells: name, device, mesh and tool are put in.
+fn scene(name: &str, device: &str, mesh: &str, tool: &str) -> String {
+    format!(
+        "name = \"{name}\"\ndevice = \"{device}\"\n[mesh{mesh}\n\
+        [tissue]\nmodel = \"linear\"\nyoungs_modulus_pa = 15e3\npoisson_ratio = 0.45\n\
+        [[fixed]]\nplane = {{ axis = \"z\", at_m = -0.03 }}\n\
+        [[tool]]\n{tool}\nposition_m = [0.0, 0.0, 0.012]\n\
+        [hand]\nstiffness_n_per_m = 1000.0\ndamping_n_s_per_m = 10.0\n\
+        [[hand.way_point]]\ntime_s = 0.0\nposition_m = [0.0, 0.0, 0.03]\n"
+    )
+}
+
+/// Such a scene in a file of this name, which says the other.
+fn small(at: &Path, file: &str, name: &str) -> String {
+    let slab = ".slab]\nsize_m = [0.08, 0.08, 0.03]\ndivisions = [8, 8, 3]";
+    let text = scene(name, "cartesian-bench", slab, "radius_m = 0.014");
+    std::fs::write(at.join(file), text).expect("writable");
+    file.to_owned()
+}
+
+/// Such a scene with its mesh, its device and its tool in files of their own.
+fn of_files(at: &Path) -> [&'static str; 4] {
+    let mesh = "]\nfile = \"mesh.vtu\"\nscale_to_m = 1.0";
+    let tool = "shape = \"mesh\"\nmesh = \"tool.stl\"\nscale_to_m = 0.001";
+    let text = scene("of files", "device.toml", mesh, tool);
+    std::fs::write(at.join("scene.toml"), text).expect("writable");
+    let copy = |from: &str, to: &str| {
+        std::fs::copy(root().join(from), at.join(to)).expect("a copy");
+    };
+    copy("devices/cartesian-bench.toml", "device.toml");
+    copy("tests/data/ring.stl", "tool.stl");
+    let slab = sutura_host::mesh::slab([0.08, 0.08, 0.03], [6, 6, 3]).expect("a slab");
+    let raw = RawMesh::new(slab.points_m().to_vec(), slab.cells().to_vec(), Vec::new());
+    write_mesh(&raw, &at.join("mesh.vtu"), MeshFormat::Vtu).expect("written");
+    ["scene.toml", "mesh.vtu", "device.toml", "tool.stl"]
+}
+
+/// Whatever it is called there, and whatever `--overwrite` allows.
+#[cfg(unix)]
+#[test]
+fn nothing_that_is_read_is_written_over() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = folder.path();
+    let read = of_files(at);
+    for file in read {
+        let place = at.join(file);
+        let (stem, end) = file.split_once('.').expect("an extension");
+        std::os::unix::fs::symlink(file, at.join(format!("{stem}-link.{end}"))).expect("a link");
+        std::fs::hard_link(&place, at.join(format!("{stem}-hard.{end}"))).expect("a link");
+    }
+    let good = sutura_in(at, &["scene", "check", "scene.toml"]);
+    assert_eq!(good.code, 0, "{}", good.stderr);
+    let before = read.map(|file| std::fs::read(at.join(file)).expect("there"));
+    let session = |option: &'static str, to: &'static str| {
+        let line = ["run", "scene.toml", "--lockstep", "--seconds", "0.1"];
+        [&line[..], &[option, to]].concat()
+    };
+    let absolute = at.join("mesh.vtu").display().to_string();
+    let mut lines = vec![
+        vec!["view", "scene.toml", "--record", "device-hard.toml"],
+        vec!["view", "scene.toml", "--shot", "scene.toml"],
+        vec!["mesh", "convert", "mesh.vtu", "--out", "mesh-link.vtu"],
+        vec!["mesh", "convert", "mesh.vtu", "--out", "./mesh-hard.vtu"],
+        vec!["mesh", "convert", "mesh.vtu", "--out", &absolute],
+        vec!["solve", "scene.toml", "--out", "mesh.vtu"],
+        vec!["solve", "scene.toml", "--out", "mesh-hard.vtu"],
+    ];
+    for to in [
+        "scene.toml",
+        "./scene-link.toml",
+        "mesh-hard.vtu",
+        "device.toml",
+        "tool-link.stl",
+    ] {
+        lines.extend([session("--record", to), session("--save-last", to)]);
+    }
+    for mut line in lines {
+        line.push("--overwrite");
+        let ran = sutura_in(at, &line);
+        assert_eq!(ran.code, 2, "{line:?}: {}", ran.stderr);
+        let said = "is read here and would be written over itself";
+        assert!(ran.stderr.contains(said), "{line:?}: {}", ran.stderr);
+        let after = read.map(|file| std::fs::read(at.join(file)).expect("there"));
+        assert!(before == after, "{line:?}");
+    }
+}
+
+/// A pipe that nobody writes to, a device without end and a folder are told at once, whatever is read.
+#[cfg(unix)]
+#[test]
+fn only_plain_files_are_read() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = folder.path();
+    for (kind, said) in [
+        ("pipe", "it is a pipe"),
+        ("zero", "it is a device"),
+        ("folder", "it is a folder"),
+    ] {
+        let make = |name: &str| {
+            let place = at.join(name);
+            // What a scene names is there already.
+            let _ = std::fs::remove_file(&place);
+            match kind {
+                "pipe" => {
+                    let made = std::process::Command::new("mkfifo").arg(&place).status();
+                    assert!(made.expect("mkfifo").success());
+                }
+                "zero" => std::os::unix::fs::symlink("/dev/zero", &place).expect("a link"),
+                _ => std::fs::create_dir(&place).expect("a folder"),
+            }
+        };
+        let refused = |line: &[&str]| {
+            let ran = sutura_in(at, line);
+            assert_eq!(ran.code, 2, "{line:?}: {}", ran.stderr);
+            assert!(ran.stderr.contains(said), "{line:?}: {}", ran.stderr);
+        };
+        for end in [
+            "toml", "msh", "vtk", "vtu", "ele", "node", "stl", "mcap", "bin",
+        ] {
+            make(&format!("{kind}.{end}"));
+        }
+        let named = |end: &str| format!("{kind}.{end}");
+        for command in [
+            &["scene", "check"][..],
+            &["scene", "explain"],
+            &["run"],
+            &["view"],
+            &["bench"],
+        ] {
+            refused(&[command, &[&named("toml")]].concat());
+        }
+        refused(&["solve", &named("toml"), "--out", "a.json"]);
+        for end in ["msh", "vtk", "vtu", "ele"] {
+            refused(&["mesh", "info", &named(end)]);
+        }
+        refused(&[
+            "mesh",
+            "fill",
+            &named("stl"),
+            "--nodes",
+            "100",
+            "--out",
+            "a.msh",
+        ]);
+        refused(&["replay", &named("mcap")]);
+        refused(&["view", &named("mcap")]);
+        refused(&["tradeoff", "merge", &named("toml")]);
+        refused(&["flash", &named("bin"), "--board", "nucleo-f446ze"]);
+        for file in &of_files(at)[1..] {
+            make(file);
+            refused(&["scene", "check", "scene.toml"]);
+            std::fs::remove_dir(at.join(file))
+                .or_else(|_| std::fs::remove_file(at.join(file)))
+                .expect("removed");
+            of_files(at);
+        }
+    }
+    let file = std::fs::File::create(at.join("large.toml")).expect("created");
+    file.set_len(1 << 32).expect("a hole");
+    let ran = sutura_in(at, &["scene", "check", "large.toml"]);
+    assert_eq!(ran.code, 2, "{}", ran.stderr);
+    assert!(ran.stderr.contains("at most 67108864"), "{}", ran.stderr);
+}
+
+/// What steers a terminal, in names that come from elsewhere: a title, a clear screen, a bell, the same in one letter of C1.
+const STEERS: &str = "\u{1b}]0;title\u{7}\u{1b}[2J\u{9b}31m";
+
+fn steers_nothing(ran: &crate::support::Ran, line: &[&str]) {
+    for text in [&ran.stdout, &ran.stderr] {
+        let raw = text
+            .chars()
+            .find(|c| c.is_control() && !matches!(c, '\n' | '\t'));
+        assert_eq!(raw, None, "{line:?}: {text:?}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn foreign_text_steers_no_terminal() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = folder.path();
+    let file = format!("{STEERS}.toml");
+    let escapes: String = STEERS
+        .chars()
+        .map(|letter| format!("\\u{:04x}", u32::from(letter)))
+        .collect();
+    small(at, &file, &escapes);
+    let mesh = format!("{STEERS}.msh");
+    let mut raw = RawMesh::new(
+        vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        vec![[0, 1, 2, 3]],
+        vec![7],
+    );
+    raw.region_names.insert(7, STEERS.to_owned());
+    write_mesh(&raw, &at.join(&mesh), MeshFormat::Msh).expect("written");
+    let out = format!("{STEERS}.json");
+    let copy = format!("{STEERS}-2.vtk");
+    for line in [
+        &[
+            "run",
+            &file,
+            "--lockstep",
+            "--seconds",
+            "0.1",
+            "--record",
+            "a.mcap",
+            "-v",
+        ][..],
+        &["replay", "a.mcap", "-v"],
+        &["solve", &file, "--out", &out],
+        &["scene", "check", &file],
+        &["scene", "explain", &file],
+        &["bench", &file],
+        &["mesh", "info", &mesh],
+        &["mesh", "convert", &mesh, "--out", &copy],
+    ] {
+        let text = sutura_in(at, line);
+        assert_eq!(text.code, 0, "{line:?}: {}", text.stderr);
+        steers_nothing(&text, line);
+        let json = [line, &["--format", "json", "--overwrite"]].concat();
+        let ran = sutura_in(at, &json);
+        assert_eq!(ran.code, 0, "{json:?}: {}", ran.stderr);
+        steers_nothing(&ran, &json);
+        let object = ran.json();
+        let names = ["scene", "name", "file", "out"].map(|key| object[key].as_str());
+        let is_whole = names.iter().flatten().any(|name| name.contains(STEERS));
+        let is_region = object["regions"][0]["name"] == STEERS;
+        assert!(
+            is_whole || is_region || !object["scene"].is_string(),
+            "{json:?}: values stay: {object}"
+        );
+    }
 }

@@ -1,6 +1,6 @@
 //! Texts of users: bytes that are none, and what would steer a terminal or never ends.
 //!
-//! Entry points: [`utf8`] for files that come, [`harmless`] for messages that go.
+//! Entry points: [`utf8`] for files that come, [`escaped`] for results that go, [`harmless`] for messages.
 
 use thiserror::Error;
 
@@ -52,21 +52,38 @@ pub fn utf8(bytes: Vec<u8>) -> Result<String, NotText> {
     })
 }
 
-/// A text as a terminal may have it, whatever names and lines of files are in it: what would steer it is written out, and lines
-/// without end are cut after [`MOST_LETTERS`].
+/// A text as a terminal may have it, whatever names and lines of files are in it: letters that would steer it are written out.
+/// Ends of lines and tabs stay.
+pub fn escaped(text: &str) -> String {
+    with_steering(text, |letter, shown| shown.extend(letter.escape_default()))
+}
+
+/// As [`escaped`], of a text in JSON: the letters are written out as JSON has them, and the values stay.
+pub fn escaped_json(text: &str) -> String {
+    with_steering(text, |letter, shown| {
+        *shown += &format!("\\u{:04x}", u32::from(letter));
+    })
+}
+
+fn with_steering(text: &str, write: impl Fn(char, &mut String)) -> String {
+    let mut shown = String::with_capacity(text.len());
+    for letter in text.chars() {
+        match letter.is_control() && !matches!(letter, '\t' | '\n') {
+            true => write(letter, &mut shown),
+            false => shown.push(letter),
+        }
+    }
+    shown
+}
+
+/// As [`escaped`]; lines without end are cut after [`MOST_LETTERS`].
 pub fn harmless(text: &str) -> String {
     let lines = text.split('\n').map(|line| {
-        let mut shown = String::new();
-        for letter in line.chars().take(MOST_LETTERS) {
-            match letter.is_control() && letter != '\t' {
-                true => shown.extend(letter.escape_default()),
-                false => shown.push(letter),
-            }
+        let end = line.char_indices().nth(MOST_LETTERS);
+        match end {
+            Some((end, _)) => escaped(&line[..end]) + " ...",
+            None => escaped(line),
         }
-        if line.chars().nth(MOST_LETTERS).is_some() {
-            shown.push_str(" ...");
-        }
-        shown
     });
     lines.collect::<Vec<_>>().join("\n")
 }
@@ -104,6 +121,10 @@ mod tests {
             "{}",
             long.len()
         );
+        let csi = "a\u{9b}2J\u{7f}\tb\n";
+        assert_eq!(escaped(csi), "a\\u{9b}2J\\u{7f}\tb\n");
+        assert_eq!(escaped_json("\"\u{9b}\u{7f}\""), r#""\u009b\u007f""#);
+        assert_eq!(escaped(&"x".repeat(5000)).len(), 5000);
         let (good, short) = ("cannot read `ä`: no", "y".repeat(MOST_LETTERS));
         assert_eq!((harmless(good), harmless(&short)), (good.to_owned(), short));
     }

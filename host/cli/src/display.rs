@@ -11,6 +11,7 @@ use std::fmt::{Arguments, Write as _};
 use std::io::{self, IsTerminal, Write as _};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use sutura_host::session::{GivenUp, Progress, Summary, mode_word};
+use sutura_host::text::{escaped, escaped_json};
 
 /// Lines that are kept while the terminal is drawn on: those that are new, and all that have not been printed.
 static HELD: Mutex<Option<[Vec<String>; 2]>> = Mutex::new(None);
@@ -21,12 +22,13 @@ fn held() -> MutexGuard<'static, Option<[Vec<String>; 2]>> {
     HELD.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A line on stderr, if anybody reads it; kept where the terminal is drawn on.
+/// A line on stderr, if anybody reads it; kept where the terminal is drawn on. Foreign text in it steers no terminal.
 pub fn note(text: Arguments<'_>) {
+    let text = escaped(&text.to_string());
     if let Some([new, all]) = held().as_mut() {
         if all.len() < MOST_HELD {
-            new.push(text.to_string());
-            all.push(text.to_string());
+            new.push(text.clone());
+            all.push(text);
         }
         return;
     }
@@ -62,17 +64,30 @@ pub struct Log;
 
 impl io::Write for Log {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        if held().is_none() {
-            return io::stderr().write(bytes);
-        }
         let text = String::from_utf8_lossy(bytes);
-        note!("{}", without_colours(text.trim_end()));
+        if held().is_none() {
+            io::stderr().write_all(with_colours(&text).as_bytes())?;
+        } else {
+            note!("{}", without_colours(text.trim_end()));
+        }
         Ok(bytes.len())
     }
 
     fn flush(&mut self) -> io::Result<()> {
         io::stderr().flush()
     }
+}
+
+/// A text that steers a terminal by nothing but colours.
+fn with_colours(text: &str) -> String {
+    let mut parts = text.split('\x1b');
+    let first = escaped(parts.next().unwrap_or_default());
+    parts.fold(first, |text, part| {
+        let rest = part.trim_start_matches(|c: char| c.is_ascii_digit() || "[;".contains(c));
+        let is_colour = part.starts_with('[') && rest.starts_with('m');
+        let mark = if is_colour { "\x1b" } else { "\\u{1b}" };
+        text + mark + &escaped(part)
+    })
 }
 
 /// A text without what makes terminals colour it.
@@ -84,15 +99,24 @@ fn without_colours(text: &str) -> String {
     })
 }
 
-/// A line on stdout; whether it could be written.
+/// A line on stdout, in JSON or in words; whether it could be written.
 #[cfg(feature = "top")]
-pub fn tell(text: Arguments<'_>) -> bool {
+pub fn tell(text: &str, format: Format) -> bool {
+    let text = match format {
+        Format::Json => escaped_json(text),
+        Format::Text => escaped(text),
+    };
     let mut out = io::stdout();
     writeln!(out, "{text}").and_then(|()| out.flush()).is_ok()
 }
 
-/// A line on stdout. That nobody reads it is not a failure; a full disk ends the command with code 1.
+/// A line on stdout, in which foreign text steers no terminal. That nobody reads it is not a failure; a full disk ends the
+/// command with code 1.
 pub fn say(text: Arguments<'_>) {
+    line(&escaped(&text.to_string()));
+}
+
+fn line(text: &str) {
     match writeln!(io::stdout(), "{text}") {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
             note!("the result cannot be written: {error}");
@@ -181,7 +205,7 @@ impl Display {
 pub fn object(result: &impl Serialize) {
     // Only maps with keys that are no text could fail; results have none.
     let text = serde_json::to_string(result).unwrap_or_default();
-    say!("{text}");
+    line(&escaped_json(&text));
 }
 
 /// A line of `sutura run --stream`.
@@ -520,4 +544,19 @@ fn withheld(summary: &Summary) -> String {
         .map(|(why, count)| format!("{count} {why}"))
         .collect();
     format!("withheld: {}", kinds.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn logs_have_colours_and_nothing_else_that_steers() {
+        let coloured = "\x1b[33m WARN\x1b[0m good\n";
+        assert_eq!(with_colours(coloured), coloured);
+        assert_eq!(
+            with_colours("a\x1b]0;title\x07b\x1b[2Jc\u{9b}m\x1b"),
+            "a\\u{1b}]0;title\\u{7}b\\u{1b}[2Jc\\u{9b}m\\u{1b}"
+        );
+    }
 }

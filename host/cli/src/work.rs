@@ -9,6 +9,7 @@ use std::io::IsTerminal;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+use sutura_host::text::escaped;
 use sutura_host::work::{DONE, OF, SIZE, TARGET, WHAT};
 use tracing::field::{Field, Visit};
 use tracing::{Event, Subscriber};
@@ -134,7 +135,7 @@ impl<S: Subscriber> tracing_subscriber::Layer<S> for Layer {
             };
             if let Some(bar) = &shown.bar {
                 bar.set_style(ProgressStyle::default_spinner());
-                bar.set_message(what.clone());
+                bar.set_message(escaped(&what));
             }
             shown.now = Some((what, Instant::now(), false));
             CHANGED.notify_all();

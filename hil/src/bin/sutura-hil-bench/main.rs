@@ -11,6 +11,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use sutura_hil::scenario::peer::PeerError;
 use sutura_hil::scenario::suite::{Bench, Case, Extent, Native};
 use sutura_hil::scenario::{ConsoleKind, Scenario, built_in};
+use sutura_host::text::{escaped, escaped_json};
 
 /// Runs fault scenarios on a console, and their mutants.
 #[derive(Parser)]
@@ -119,7 +120,10 @@ fn run(arguments: &Arguments) -> Result<bool, Failure> {
         })?;
     }
     match arguments.format {
-        Format::Json => println!("{}", object(&cases, &sums, bench.kind())),
+        Format::Json => {
+            let object = object(&cases, &sums, bench.kind()).to_string();
+            println!("{}", escaped_json(&object));
+        }
         Format::Text => println!("{}", sums.sentence(bench.kind())),
     }
     Ok(cases.iter().all(Case::is_met))
@@ -205,7 +209,7 @@ fn run_all(scenarios: &[Scenario], bench: &dyn Bench, extent: Extent, jobs: usiz
             scope.spawn(|| {
                 while let Some(scenario) = scenarios.get(next.fetch_add(1, Ordering::Relaxed)) {
                     let case = Case::run(scenario, bench, extent);
-                    eprint!("{}", lines(&case));
+                    eprint!("{}", escaped(&lines(&case)));
                     let index = scenarios.iter().position(|s| s.name == scenario.name);
                     let mut cases = cases
                         .lock()

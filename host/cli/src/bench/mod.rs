@@ -23,6 +23,7 @@ use sutura_host::scene::{Scene, Tissue};
 use sutura_host::script::Script;
 use sutura_host::session::{check_rate, least_hz};
 use sutura_host::step::{State, Status, StepOptions, StepReport, Workspace, step};
+use sutura_host::text::escaped;
 use sutura_host::thread::ThreadTension;
 use sutura_shared::control::TICK_HZ;
 use sutura_study::machine::Machine;
@@ -251,7 +252,7 @@ struct Sample {
 }
 
 fn measure(scene: &Scene, progress: &ProgressBar) -> Result<Vec<Case>, Failure> {
-    progress.set_message(scene.name.clone());
+    progress.set_message(escaped(&scene.name));
     if let Err(error) = check_rate(scene.host.host_hz, TICK_HZ) {
         let least_hz = least_hz(TICK_HZ);
         let help = format!("have its `[host]` say `host_hz = {least_hz}` or more");

@@ -141,7 +141,7 @@ mod command {
                 && let Some(line) = figures.line(format == Format::Json)
             {
                 said = Instant::now();
-                if !crate::display::tell(format_args!("{line}")) {
+                if !crate::display::tell(&line, format) {
                     return None;
                 }
             }
