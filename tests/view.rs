@@ -607,6 +607,42 @@ fn a_safe_stop_goes_before_a_scene_that_is_made() {
     assert_eq!(running.stop().0, 0);
 }
 
+/// A scene that takes long to make, or cannot be made at all, keeps nobody from the next.
+#[cfg(unix)]
+#[test]
+fn a_scene_in_the_making_gives_way_to_the_next() {
+    let folder = tempdir().unwrap();
+    let text = std::fs::read_to_string(root().join("scenes/palpation.toml")).unwrap();
+    let own = |name: &str, divisions: &str| {
+        let text = text.replacen("divisions = [20, 20, 8]", divisions, 1);
+        let place = folder.path().join(name);
+        std::fs::write(&place, text).unwrap();
+        place.to_str().unwrap().to_owned()
+    };
+    let scene = own("quick.toml", "divisions = [8, 8, 3]");
+    own("long.toml", "divisions = [50, 50, 20]");
+    let pipe = folder.path().join("pipe.toml");
+    assert!(Command::new("mkfifo").arg(pipe).status().unwrap().success());
+    let running = Running::start(&["view", &scene, "--view-port", "0"]);
+    let mut client = running.client();
+    client.hello();
+    let refused = client.ask(json!({"do": "scene", "name": "pipe"}));
+    let message = refused["error"]["message"].as_str().unwrap();
+    assert!(message.contains("it is a pipe"), "{refused}");
+    client.say(&json!({"id": 1000, "do": "scene", "name": "long"}));
+    client.say(&json!({"id": 1001, "do": "reset"}));
+    let answer = client.text(|value| value["re"] == 1000 || value["re"] == 1001);
+    assert_eq!(answer["re"], 1000, "{answer}");
+    let message = answer["error"]["message"].as_str().unwrap();
+    assert!(
+        message.contains("another session was asked for"),
+        "{answer}"
+    );
+    client.text(|value| value["re"] == 1001 && value["ok"] == true);
+    assert_eq!(client.hello()["session"], 1);
+    assert_eq!(running.stop().0, 0);
+}
+
 /// Resident memory \[MB\].
 #[cfg(target_os = "linux")]
 fn memory_mb(pid: u32) -> f64 {

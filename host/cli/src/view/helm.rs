@@ -72,6 +72,9 @@ enum Until {
     Solve(u64),
 }
 
+/// Sessions in the making that nobody waits for any more, at most.
+const MOST_LEFT: usize = 3;
+
 /// A session that is made beside this one.
 struct Making {
     thread: JoinHandle<Result<Prepared, Failure>>,
@@ -99,6 +102,8 @@ pub struct Helm<'a> {
     jaws: Option<u8>,
     acts: Vec<Act>,
     making: Option<Making>,
+    /// Sessions in the making in whose place another one was asked for.
+    left: Vec<JoinHandle<Result<Prepared, Failure>>>,
     ended: Option<Ended>,
     /// Set when time stands still.
     stands: Option<Arc<AtomicBool>>,
@@ -130,6 +135,7 @@ impl<'a> Helm<'a> {
             jaws: None,
             acts: Vec::new(),
             making: None,
+            left: Vec::new(),
             ended: None,
             stands: None,
         };
@@ -326,12 +332,19 @@ impl<'a> Helm<'a> {
         ]);
     }
 
-    /// Makes another session beside this one.
+    /// Makes another session beside this one, in place of one that is not made yet: a scene that takes for ever keeps nobody
+    /// from the next.
     fn make(&mut self, wish: Wish, reply: Reply) {
-        if self.making.is_some() {
-            return reply.refuse(
-                "another session is being made already",
-                "wait until it begins",
+        self.left.retain(|thread| !thread.is_finished());
+        if self.making.is_some() && self.left.len() >= MOST_LEFT {
+            let message = format!("{} other sessions are being made already", MOST_LEFT + 1);
+            return reply.refuse(&message, "wait until one begins, or begin the program anew");
+        }
+        if let Some(Making { thread, reply }) = self.making.take() {
+            self.left.push(thread);
+            reply.refuse(
+                "another session was asked for before this one was made",
+                "ask for it again, and wait until it begins",
             );
         }
         let thread = std::thread::Builder::new()
