@@ -98,9 +98,9 @@ function contactBytes({ vertex, force }) {
   return bytes;
 }
 
-function statusBytes({ contacts, grip, energy, touching }) {
+function statusBytes({ contacts, grip, energy, touching, word = 0 }) {
   const bytes = Buffer.alloc(48);
-  bytes.set([0, touching ? 1 : 0]);
+  bytes.set([word, touching ? 1 : 0]);
   bytes.writeUInt32LE(contacts.length, 4);
   bytes.writeUInt32LE(3, 12);
   floats(bytes, 16, [1e-9, energy, NaN, NaN, ...grip]);

@@ -130,6 +130,15 @@ class Mock {
     this.controller = null;
     this.connected = true;
     this.faults = [];
+    /** Whether the tool has slipped in. */
+    this.inside = false;
+    this.stoppedBy = null;
+    /** Solves and latency by the clock on the wall. */
+    this.wall = { wall_hz: 249.6, wall_latency_us: { p50: 5200, p99: 6100 } };
+    this.realSpeed = 0.99;
+    /** Of a recording, pictures are there up to here [s]. */
+    this.ready = 5;
+    this.at = null;
   }
 
   begin(name) {
@@ -159,16 +168,16 @@ class Mock {
   hello(client) {
     const can = this.recording
       ? ['seek', 'scalar']
-      : ['scalar', 'safe_stop', 'arm', 'clear_fault', 'pause', 'resume', 'step', 'speed', 'reset', 'scene', 'tissue', 'set', 'drag', 'hand', 'record', 'save_last', 'take_control'];
+      : ['scalar', 'safe_stop', 'arm', 'clear_fault', 'pause', 'resume', 'step', 'speed', 'reset', 'scene', 'tissue', 'set', 'drag', 'hand', 'record', 'save_last', 'take_control', 'take_out'];
     return {
       kind: 'hello', format: 1, version: '0.0.0', session: this.session, source: this.recording ? 'recording' : 'live', pace: 'lockstep',
       scene: this.name, tissue: 'linear', rendering: 'rows', device: 'cartesian-bench', console: 'virtual', tick_hz: 1000, host_hz: 250, board_rows_hz: 200, horizon_ms: 20,
       nodes: 3969, cells: 16000, bounds_m: this.scene.bounds, role: client === this.controller ? 'control' : 'watch', motors: client.motors ?? false, do: can,
-      mode: this.mode, faults: this.faults, stages: STAGES, statuses: ['ok', 'not-finite'], scalars: SCALARS, tools: this.scene.tools,
+      mode: this.mode, faults: this.faults, stages: STAGES, statuses: ['ok', 'not-finite', 'inside'], scalars: SCALARS, tools: this.scene.tools,
       needles: this.scene.needles, threads: this.scene.threads, settings: this.settings, scenes: ['slab', 'tube'], tissues: ['linear', 'corotational'],
       fixes: { e_stop: { message: 'The emergency stop is pressed.', help: 'Release it, then clear the fault and arm.' } },
       time_line: this.recording
-        ? { from_s: 0, to_s: 5, ready_s: 5, hz: 30, solvable: true, why: null, badge: 'identical', badge_text: 'run again: identical to the bit' }
+        ? { from_s: 0, to_s: 5, ready_s: this.ready, at_s: this.at, hz: 30, solvable: true, why: null, badge: 'identical', badge_text: 'run again: identical to the bit' }
         : null,
     };
   }
@@ -214,7 +223,7 @@ class Mock {
 
   /** Displacement of a vertex [m]. */
   displaced(x, y, z) {
-    const depth = this.depth();
+    const depth = this.inside ? 0 : this.depth();
     if (this.name === 'slab') {
       const reach = Math.exp(-((x - this.grip[0]) ** 2 + (y - this.grip[1]) ** 2) / 0.012 ** 2) * Math.max(0, 1 + z / 0.03);
       return [0, 0, -depth * reach];
@@ -236,7 +245,7 @@ class Mock {
     return pictureBytes({
       sequence: this.sequence, time: this.time, geometry: this.session, displacement, scalar, values,
       tools: this.scene.tools.map((tool) => this.tool(tool)), needles: this.needles(), threads: this.threads(), contacts: this.contacts(displacement),
-      grip: this.grip, energy: 0.5 * this.depth() * Math.hypot(...this.force), touching: this.depth() > 0, recorded: this.recording,
+      grip: this.grip, energy: 0.5 * this.depth() * Math.hypot(...this.force), touching: this.depth() > 0 && !this.inside, word: this.inside ? 2 : 0, recorded: this.recording,
     });
   }
 
@@ -282,7 +291,7 @@ class Mock {
       kind: 'gauges', session: this.session, time_s: this.time, tick: this.tick, mode: this.mode, faults: this.faults,
       latency_us: { now: both, all: both }, age_us: { now: { p50: 5500, p99: 7000 }, all: both }, step_us: { now: { p50: 380, p99: 450 }, all: { p50: 380, p99: 470 } },
       rtt_us: { now: { p50: 900, p99: 1200 }, all: both }, ticks_late: 0, tick_overruns: 0, frames: { lost: 0, rejected: 0, late: 0, superseded: 3 },
-      withheld: { waiting: 3 }, energy_j: 0.0012, energy_min_j: -1e-5, force_n: Math.hypot(...this.force), host_hz: 249.6, rows_hz: 190.4, speed: this.paused ? 0 : 0.99, paused: this.paused,
+      withheld: { waiting: 3 }, energy_j: 0.0012, energy_min_j: -1e-5, force_n: Math.hypot(...this.force), host_hz: 249.6, ...this.wall, stopped_by: this.stoppedBy, rows_hz: 190.4, speed: this.paused ? 0 : this.realSpeed, paused: this.paused,
       wanted_speed: this.speed, recording: this.recorded, pictures: { wanted: 100, made: 99, sent: 98 }, picture_hz: 30, picture_us: 900, clients: this.clients.size,
       controller: this.controller === client, connected: this.connected,
     };
@@ -340,7 +349,7 @@ class Client {
   seek(time) {
     const { mock } = this;
     mock.begin(mock.name);
-    mock.advance(time);
+    mock.advance(Math.min(time, mock.ready));
     this.underway = 0;
     this.sendPicture();
   }
@@ -368,6 +377,7 @@ class Client {
         break;
       case 'safe_stop':
         mock.mode = 'idle';
+        mock.stoppedBy = 'the page that controls';
         break;
       case 'arm':
         if (mock.faults.length > 0) {
@@ -375,12 +385,22 @@ class Client {
           return;
         }
         mock.mode = 'armed';
+        mock.stoppedBy = null;
+        break;
+      case 'take_out':
+        mock.target = null;
+        mock.inside = false;
+        mock.mode = 'armed';
         break;
       case 'clear_fault':
         mock.faults = [];
         mock.mode = 'idle';
         break;
       case 'drag':
+        if (mock.mode !== 'armed') {
+          this.say({ re: command.id, error: { message: 'nobody holds a grip whose motors are off', help: 'arm first' } });
+          return;
+        }
         mock.target = command.to_m;
         break;
       case 'pause':
@@ -464,11 +484,13 @@ async function serve(request, response) {
 }
 
 /**
- * @param {{scene?: 'slab' | 'tube' | 'recording', port?: number, motors?: boolean, hz?: number}} options `hz`: pictures a second, few
- *   enough for a browser that draws in software to do other things, too
+ * @param {{scene?: 'slab' | 'tube' | 'recording', port?: number, motors?: boolean, hz?: number, ready?: number, at?: number}} options
+ *   `hz`: pictures a second, few enough for a browser that draws in software to do other things, too; of a recording, `ready`: pictures
+ *   are there up to then at first [s], `at`: where a page opens it [s]
  */
-export async function start({ scene = 'slab', port = 0, motors = false, hz = 10 } = {}) {
+export async function start({ scene = 'slab', port = 0, motors = false, hz = 10, ready = 5, at = null } = {}) {
   const mock = new Mock(scene);
+  Object.assign(mock, { ready, at });
   const server = http.createServer((request, response) => serve(request, response));
   const sockets = new WebSocketServer({ server, path: '/ws' });
   sockets.on('connection', (socket) => {
@@ -502,11 +524,11 @@ export async function start({ scene = 'slab', port = 0, motors = false, hz = 10 
     }, 500));
   }
   await new Promise((resolve) => server.listen(port, '127.0.0.1', resolve));
-  const at = server.address().port;
+  const served = server.address().port;
   return {
     mock,
-    port: at,
-    url: `http://127.0.0.1:${at}/#key=${KEY}`,
+    port: served,
+    url: `http://127.0.0.1:${served}/#key=${KEY}`,
     tell: (message) => {
       for (const client of mock.clients) client.say({ kind: 'event', session: mock.session, time_s: mock.time, ...message });
     },

@@ -6,6 +6,9 @@ import { fixed } from './units.js';
 /** With motors, arming is held so long [ms]. */
 const HOLD_MS = 1000;
 
+/** Session time in a second of the wall below which a session counts as slower than that [s]. */
+const SLOW = 0.9;
+
 const METRICS = /** @type {[string, string, string, boolean][]} */ ([
   ['force', 'Force', 'On the grip, newest tick', false],
   ['age', 'Age', 'Of the contact that the force is made from; red beyond its horizon', false],
@@ -111,9 +114,18 @@ export class Bar {
   setGauges(gauges) {
     const pair = (/** @type {import('./link.js').Percentiles | undefined} */ both) =>
       both ? `${fixed(both.p50 / 1000, 1)} / ${fixed(both.p99 / 1000, 1)}` : '–';
-    this.set('latency', pair(gauges.latency_us.now), 'ms');
+    // Where the session is slower than the clock on the wall, that clock is the one that a person waits by.
+    const slow = !gauges.paused && gauges.speed !== null && gauges.speed < SLOW && gauges.wall_hz !== undefined;
+    this.set('latency', pair(slow ? gauges.wall_latency_us : gauges.latency_us.now), 'ms');
     this.set('step', pair(gauges.step_us.now), 'ms');
-    this.set('hz', fixed(gauges.host_hz, 0), 'Hz');
+    const hz = slow ? gauges.wall_hz : gauges.host_hz;
+    this.set('hz', fixed(hz, (hz ?? 0) < 10 ? 1 : 0), 'Hz');
+    for (const name of ['latency', 'hz']) {
+      const { box } = this.metrics[name];
+      const by = slow ? `, by the clock on the wall: the session runs at ${fixed(gauges.speed, 2)} ×` : '';
+      box.title = `${METRICS.find(([one]) => one === name)?.[2]}${by}`;
+      box.dataset.clock = slow ? 'wall' : 'session';
+    }
     this.set('speed', gauges.paused ? 'paused' : fixed(gauges.speed, 2), gauges.paused ? '' : '×');
     const energy = gauges.energy_j;
     this.set('energy', fixed(energy === null ? null : 1000 * energy, 2), 'mJ');

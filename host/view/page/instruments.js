@@ -4,6 +4,7 @@ import * as THREE from 'three';
 import { Line2 } from 'three/addons/lines/Line2.js';
 import { LineGeometry } from 'three/addons/lines/LineGeometry.js';
 import { LineMaterial } from 'three/addons/lines/LineMaterial.js';
+import { Outline } from './outline.js';
 import { needleGeometry, toolGeometry } from './shapes.js';
 import { round125 } from './units.js';
 
@@ -34,6 +35,10 @@ export class Instruments {
     this.xray = false;
     /** @type {Map<number, {mesh: THREE.Object3D, offset: THREE.Vector3}>} */
     this.tools = new Map();
+    /** Of the driven tool, if it has a surface. @type {Outline | null} */
+    this.outline = null;
+    /** Whether the driven tool is in the tissue. */
+    this.inside = false;
     /** @type {Map<number, {mesh: THREE.Mesh, hidden: Thread}>} */
     this.needles = new Map();
     /** @type {Map<number, {seen: Thread, hidden: Thread}>} */
@@ -63,6 +68,9 @@ export class Instruments {
       seen.remove();
       hidden.remove();
     }
+    if (this.outline) this.group.remove(this.outline.line);
+    this.outline?.dispose();
+    this.outline = null;
     this.tools.clear();
     this.needles.clear();
     this.threads.clear();
@@ -75,6 +83,10 @@ export class Instruments {
       mesh.visible = false;
       this.group.add(mesh);
       this.tools.set(tool.id, { mesh, offset: new THREE.Vector3(...tool.offset_m) });
+      if (tool.driven && geometry) {
+        this.outline = new Outline(mesh, DRIVEN, DASHES);
+        this.group.add(this.outline.line);
+      }
     }
     for (const needle of hello.needles) {
       const mesh = new THREE.Mesh(needleGeometry(needle.points_m, needle.thickness_m));
@@ -121,8 +133,10 @@ export class Instruments {
   /**
    * @param {import('./decode.js').Picture} picture
    * @param {(vertex: number, into: THREE.Vector3) => boolean} place of a vertex of the tissue
+   * @param {boolean} inside whether the driven tool is in the tissue
    */
-  setPicture(picture, place) {
+  setPicture(picture, place, inside) {
+    this.inside = inside;
     for (const tool of picture.tools) this.moveTool(tool);
     for (const needle of picture.needles) this.moveNeedle(needle);
     for (const thread of picture.threads) {
@@ -143,6 +157,11 @@ export class Instruments {
     mesh.position.fromArray(tool.position);
     mesh.quaternion.fromArray(tool.orientation);
     mesh.visible = this.options.tools;
+    if (!this.outline || mesh !== this.outline.mesh) return;
+    this.outline.line.visible = this.options.tools && this.inside;
+    // Drawn after its outline, so that dashes are only where tissue hides it.
+    /** @type {THREE.Material} */ (this.outline.mesh.material).transparent = this.inside;
+    mesh.renderOrder = this.inside ? AFTER_DASHES : 0;
   }
 
   /** @param {import('./decode.js').NeedlePicture} needle */
@@ -233,6 +252,7 @@ export class Instruments {
       hidden.widen(pixels);
     }
     for (const { hidden } of this.needles.values()) hidden.widen(pixels);
+    this.outline?.draw(this.stage.camera, pixels);
   }
 }
 

@@ -70,6 +70,9 @@ import { FORMAT, decode } from './decode.js';
  * @property {number | null} energy_min_j
  * @property {number | null} force_n
  * @property {number | null} host_hz
+ * @property {number | null} [wall_hz] solves a second of the wall
+ * @property {Percentiles} [wall_latency_us] latency by the clock on the wall
+ * @property {string | null} [stopped_by] who asked for the safe stop that holds the console at rest
  * @property {number | null} [rows_hz]
  * @property {number | null} speed
  * @property {boolean} paused

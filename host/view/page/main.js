@@ -15,6 +15,7 @@ import { Past } from './past.js';
 import { Player } from './player.js';
 import { Plots } from './plots.js';
 import { Saving } from './saving.js';
+import { Slipped, isInside } from './slipped.js';
 import { Stage, VIEWS } from './stage.js';
 import { KEPT_S, Telemetry } from './telemetry.js';
 import { TimeLine } from './timeline.js';
@@ -57,6 +58,7 @@ class Page {
       clear: () => this.command({ do: 'clear_fault' }),
     });
     this.notices = new Notices(this.link, this.bar);
+    this.slipped = new Slipped(() => this.takeOut());
     this.player = new Player((time_s) => this.link.ask({ do: 'seek', time_s }), () => {});
     this.plots = new Plots(element('plots'), (a, b) => this.setMarks(a, b));
     this.timeLine = new TimeLine({ command: (command) => this.command(command), back: (time) => this.lookBack(time), player: this.player });
@@ -96,11 +98,16 @@ class Page {
     this.colouring.tissue = this.tissue;
     this.saving.setView(this.view);
     this.drag.addEventListener('target', (event) => {
-      this.command({ do: 'drag', to_m: /** @type {CustomEvent} */ (event).detail });
+      // Where the host takes no target, the probe is held no longer.
+      this.link.ask({ do: 'drag', to_m: /** @type {CustomEvent} */ (event).detail }).catch((error) => {
+        this.letGo();
+        this.tellRefused(error);
+      });
       this.showSpring();
     });
     stage.addEventListener('drawn', () => {
       this.shown.push(performance.now());
+      this.tellDrawn();
       this.view?.drawOver();
     });
     stage.addEventListener('quality', () => {
@@ -120,6 +127,13 @@ class Page {
       views.append(button);
     }
     this.panel.showQuality(stage);
+  }
+
+  /** Says which picture is drawn, to whoever takes one of the page. */
+  tellDrawn() {
+    const { dataset } = element('stage');
+    if (this.picture) dataset.drawnS = String(this.picture.time);
+    else delete dataset.drawnS;
   }
 
   plotTools() {
@@ -156,6 +170,7 @@ class Page {
     document.title = `${hello.scene} – Sutura`;
     this.bar.setSession(hello);
     this.notices.setSession(hello);
+    this.slipped.setSession(hello, again);
     this.panel.setSession(hello, this.colouring.scalar);
     this.ask({ do: 'picture_hz', hz: this.stage ? PICTURE_HZ : 0 });
     this.colouring.setSession(hello);
@@ -212,6 +227,7 @@ class Page {
   takePicture(picture) {
     if (picture.geometry !== this.geometry) return;
     this.newest = picture;
+    this.slipped.take(picture);
     if (this.hello?.source === 'live') this.past.add(picture);
     if (this.timeLine.looking === null) this.show(picture);
   }
@@ -224,7 +240,7 @@ class Page {
     view.picture = picture;
     tissue.move(picture.displacement, picture.displacementScale);
     this.colouring.show(picture);
-    instruments.setPicture(picture, (vertex, into) => this.place(vertex, into));
+    instruments.setPicture(picture, (vertex, into) => this.place(vertex, into), isInside(picture, this.hello));
     this.showSpring();
     if (this.unframed) {
       this.unframed = false;
@@ -270,6 +286,8 @@ class Page {
       this.timeLine.setBadge(event.badge ?? '', event.text);
       this.notices.showVerdict(event.badge ?? '', event.text);
     } else {
+      // Nobody holds a grip that rests: its target is none any more.
+      if (event.what === 'disarmed') this.letGo();
       if (this.hello?.source === 'live' && TOLD.includes(event.what)) toast(event.help ? `${event.text} ${event.help}` : event.text, event.what === 'fault' || event.what === 'lost');
       this.plots.events.push(event);
       this.timeLine.addEvent(event);
@@ -286,9 +304,25 @@ class Page {
     try {
       return await this.link.ask(command);
     } catch (error) {
-      if (error instanceof CommandError) toast(`${error.message}${error.help ? `: ${error.help}` : ''}`, true);
+      this.tellRefused(error);
       return undefined;
     }
+  }
+
+  /** @param {unknown} error of a command */
+  tellRefused(error) {
+    if (error instanceof CommandError) toast(`${error.message}${error.help ? `: ${error.help}` : ''}`, true);
+  }
+
+  /** Forgets where the probe was dragged to. */
+  letGo() {
+    this.drag?.forget();
+    this.showSpring();
+  }
+
+  takeOut() {
+    this.letGo();
+    this.command({ do: 'take_out' });
   }
 
   stop() {

@@ -30,6 +30,8 @@ export class Notices {
 
   /** @param {import('./link.js').Gauges} gauges */
   setGauges(gauges) {
+    const by = gauges.stopped_by;
+    this.alerts.set('stopped', by ? `Safe stop, asked for by ${by}.` : '', 'The console rests until it is armed.', 'warn');
     this.showFaults(gauges.faults);
     this.alerts.set('console', gauges.connected || this.hello?.source === 'recording' ? '' : 'The console is gone.', 'Its values are crossed out. Look at its cable and power; the session goes on when it is back.');
     this.warnOfLateness(gauges);

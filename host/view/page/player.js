@@ -36,6 +36,8 @@ export class Player {
 
   /** Pictures are there up to here. @param {number} time [s] */
   setReady(time) {
+    // The newest picture of then stood in for one that was not made yet.
+    if (this.asked > this.ready) this.asked = NaN;
     this.ready = time;
     this.ask();
   }

@@ -11,15 +11,26 @@ export function element(id) {
   return found;
 }
 
-/** @param {string} text @param {boolean} [bad] */
+/** Messages that are shown: how often each has come, and the timer that removes it. @type {WeakMap<Element, {count: number, timer: number}>} */
+const toasts = new WeakMap();
+
+/** Shows a message for a while; one that is shown already is counted instead. @param {string} text @param {boolean} [bad] */
 export function toast(text, bad = false) {
   const box = element('toasts');
-  const message = document.createElement('p');
-  message.textContent = text;
+  let message = /** @type {HTMLElement | undefined} */ ([...box.children].find((one) => one instanceof HTMLElement && one.dataset.text === text));
+  const before = message ? toasts.get(message) : undefined;
+  clearTimeout(before?.timer);
+  const count = (before?.count ?? 0) + 1;
+  if (!message) {
+    message = document.createElement('p');
+    message.dataset.text = text;
+    box.append(message);
+  }
+  message.textContent = count > 1 ? `${text} (${count} times)` : text;
   message.classList.toggle('bad', bad);
-  box.append(message);
   while (box.children.length > MOST_TOASTS) box.firstElementChild?.remove();
-  setTimeout(() => message.remove(), TOAST_MS);
+  const shown = message;
+  toasts.set(shown, { count, timer: window.setTimeout(() => shown.remove(), TOAST_MS) });
 }
 
 /** Banners by name; what has not changed is not written again, or it would be read aloud again. */

@@ -339,6 +339,89 @@ export const tests = [
     check(await page.evaluate(() => window.sutura.player.time >= 1), 'the loop begins at A');
   })],
 
+  ['a recording that is still run again', withHost({ scene: 'recording', ready: 1, at: 3 }, async ({ page, host }) => {
+    const drawn = (time) => until(page, (time) => Math.abs(Number(document.getElementById('stage').dataset.drawnS) - time) < 1e-6, time);
+    // The newest picture of then stands in for one that is not made yet, until it is.
+    await drawn(1);
+    for (const ready of [2, 4, 5]) {
+      host.mock.ready = ready;
+      host.tell({ what: 'ready', time_s: ready, text: '', help: '' });
+      await drawn(Math.min(ready, 3));
+    }
+    check((await page.evaluate(() => window.sutura.player.time)) === 3, 'the time line stays where it was opened');
+  })],
+
+  ['slipped in', withHost({ scene: 'slab' }, async ({ page, host, shot, browser }) => {
+    const { mock } = host;
+    mock.way = () => [0, 0, -0.011];
+    await until(page, () => window.sutura.picture.status.grip[2] < -0.0105);
+    check(await page.locator('#slipped').isHidden(), 'a tool that touches has not slipped in');
+    const dashes = () => page.evaluate(() => {
+      const { instruments } = window.sutura;
+      window.sutura.stage.render();
+      return { visible: instruments.outline.line.visible, segments: instruments.outline.line.geometry.instanceCount };
+    });
+    check(!(await dashes()).visible, 'a tool that is seen has no dashes');
+    Object.assign(mock, { inside: true, mode: 'idle' });
+    await until(page, () => !document.getElementById('slipped').hidden);
+    const words = await page.locator('#slipped').innerText();
+    check(words.includes('The ball has slipped into the tissue.') && words.includes('Press less deep, or give the tool friction.'), words);
+    const { visible, segments } = await dashes();
+    check(visible && segments >= 24 && segments <= 200, `the outline of a ball has ${segments} edges, shown: ${visible}`);
+    // Dashes are seen through the tissue, and alone.
+    const seen = () => page.evaluate(`(() => {
+      const { bytes } = ${readPixels};
+      let count = 0;
+      for (let i = 0; i < bytes.length; i += 4) count += bytes[i + 2] > bytes[i] + 30 && bytes[i + 2] > 150 ? 1 : 0;
+      return count;
+    })()`);
+    const dashed = await seen();
+    await page.evaluate(() => window.sutura.view.setLook('tools', false));
+    const without = await seen();
+    await page.evaluate(() => window.sutura.view.setLook('tools', true));
+    check(dashed > without + 100, `${dashed} pixels are blue with dashes, ${without} without`);
+    await shot('slipped-in');
+    // Four targets that are refused are one notice.
+    await page.evaluate(() => [1, 2, 3, 4].forEach((i) => window.sutura.drag.dispatchEvent(new CustomEvent('target', { detail: [0, 0, -0.001 * i] }))));
+    await until(page, () => document.querySelector('#toasts p')?.textContent.includes('(4 times)'));
+    check((await page.locator('#toasts p').count()) === 1, await page.locator('#toasts').innerText());
+    // Who watches takes nothing out.
+    const second = await browser.open(host.url);
+    await until(second.page, () => !document.getElementById('slipped').hidden);
+    check(await second.page.locator('#take-out').isHidden() && (await second.page.locator('#slipped').innerText()).includes('Take it out, then arm.'), 'who watches has no button');
+    await second.close();
+    mock.way = () => [0, 0, 0.02];
+    await page.locator('#take-out').click();
+    await until(page, () => document.getElementById('mode').textContent === 'armed');
+    await until(page, () => document.getElementById('slipped').hidden);
+    check(!(await dashes()).visible, 'a tool that is out again has no dashes');
+  })],
+
+  ['whose clock', withHost({ scene: 'slab', hz: 2 }, async ({ page, host }) => {
+    const metric = (name) => page.locator(`[data-metric=${name}] dd`).innerText();
+    await until(page, () => document.querySelector('[data-metric=hz] dd').textContent === '250 Hz');
+    check((await metric('latency')).startsWith('5.2 / 6.1'), `latency ${await metric('latency')}`);
+    // Slower than the clock on the wall: 170 ms a step.
+    Object.assign(host.mock, { realSpeed: 0.0235, wall: { wall_hz: 5.9, wall_latency_us: { p50: 221e3, p99: 259e3 } } });
+    await until(page, () => document.querySelector('[data-metric=hz] dd').textContent === '5.9 Hz');
+    check((await metric('latency')).startsWith('221.0 / 259.0'), `latency ${await metric('latency')}`);
+    const title = await page.locator('[data-metric=hz]').getAttribute('title');
+    check(title.includes('clock on the wall') && title.includes('0.02 ×'), title);
+  })],
+
+  ['who asked for a safe stop', withHost({ scene: 'slab', hz: 2 }, async ({ page, browser, host }) => {
+    const second = await browser.open(host.url);
+    await page.keyboard.press('Escape');
+    for (const one of [page, second.page]) {
+      await until(one, () => document.querySelector('#alerts [data-name=stopped]'));
+      const words = await one.locator('[data-name=stopped]').innerText();
+      check(words.includes('Safe stop, asked for by the page that controls.'), words);
+    }
+    await page.locator('#arm').click();
+    await until(second.page, () => !document.querySelector('#alerts [data-name=stopped]'));
+    await second.close();
+  })],
+
   ['looking back', withHost({ scene: 'slab' }, async ({ page }) => {
     await until(page, () => window.sutura.past.span[1] - window.sutura.past.span[0] > 1.3);
     await page.evaluate(() => {
