@@ -216,7 +216,7 @@ fn device_name(device: &Device) -> String {
 
 /// Joint coordinates that bring the grip to `position` \[m\]; of an arm's two ways the one with the elbow
 /// above. None where the grip cannot be.
-fn joints_at(kinematics: &Kinematics, position: [f64; 3]) -> Option<[f32; JOINTS]> {
+pub fn joints_at(kinematics: &Kinematics, position: [f64; 3]) -> Option<[f32; JOINTS]> {
     // Farther than a frame can say.
     if position
         .iter()

@@ -29,7 +29,7 @@ pub use added::ADDED_KEYS;
 pub use device::{BUILT_IN as BUILT_IN_DEVICES, Device, built_in_device, find_device, read_device};
 pub use document::{Document, Flaw, SceneError, Sources, nearest};
 pub use gravity::Gravity;
-pub use hand::{hand_script, position_at};
+pub use hand::{hand_script, joints_at, position_at};
 pub use jaws::Jaws;
 pub use needles::{Hold, Needle, NeedleSolver};
 pub use read::LONGEST_S;

@@ -32,6 +32,7 @@ mod solver;
 mod statistics;
 mod summary;
 mod thread_frame;
+mod way_out;
 
 pub use crate::scene::Rendering;
 use crate::tool::Act;
@@ -62,6 +63,7 @@ pub use summary::{
 };
 pub use sutura_client::ahead::reach_m;
 pub use thread_frame::{HeldThread, thread_frame};
+pub use way_out::WayOut;
 
 use crate::link::Felt;
 use crate::step::{Stages, Status, ToolContact, ToolRows};

@@ -54,6 +54,8 @@ pub enum Command {
     Arm,
     /// Clear latched faults.
     ClearFault,
+    /// Disarm, move the grip out of the tissue by the shortest way, arm.
+    TakeOut,
     /// Take the grip there \[m\]; `None`: let it go.
     Drag(Option<[f64; 3]>),
     /// The scene's hand from its start, or none.
@@ -234,6 +236,7 @@ impl Command {
             "safe_stop" => Self::SafeStop,
             "arm" => Self::Arm,
             "clear_fault" => Self::ClearFault,
+            "take_out" => Self::TakeOut,
             "drag" => Self::Drag(drag(keys)?),
             "hand" => Self::Hand(match keys.text("way")?.as_str() {
                 "scene" => Hand::Scene,
@@ -276,6 +279,7 @@ impl Command {
             Self::SafeStop => "safe_stop",
             Self::Arm => "arm",
             Self::ClearFault => "clear_fault",
+            Self::TakeOut => "take_out",
             Self::Drag(_) => "drag",
             Self::Hand(_) => "hand",
             Self::Jaws(_) => "jaws",

@@ -64,6 +64,16 @@ impl Reply {
         self.give(json!({"re": self.id, "error": {"message": message, "help": help}}));
     }
 
+    /// Who asks, in words.
+    pub fn asker(&self) -> &'static str {
+        let state = self.shared.lock();
+        match state.clients.get(&self.client) {
+            Some(client) if client.is_own => "the terminal",
+            _ if state.controller == Some(self.client) => "the page that controls",
+            _ => "a page that watches",
+        }
+    }
+
     fn give(&mut self, answer: Value) {
         self.is_given = true;
         self.shared.answer(self.client, answer.to_string());

@@ -26,6 +26,7 @@ fn samples() -> Vec<(String, Command)> {
         (json!({"id": 1, "do": "safe_stop"}), Command::SafeStop),
         (json!({"id": 1, "do": "arm"}), Command::Arm),
         (json!({"id": 1, "do": "clear_fault"}), Command::ClearFault),
+        (json!({"id": 1, "do": "take_out"}), Command::TakeOut),
         (
             json!({"id": 1, "do": "drag", "to_m": [0.01, -0.02, 0.03]}),
             Command::Drag(Some([0.01, -0.02, 0.03])),

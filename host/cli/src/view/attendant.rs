@@ -5,10 +5,15 @@
 use super::guide::{Guide, NO_WAY, NO_WAY_HELP, PERIOD_S};
 use super::helm::{NO_JAWS, NO_JAWS_HELP};
 use super::saves::Saves;
+use super::take_out::{NoWay, RESTS_S, TakeOut};
+use super::telemetry::Telemetry;
 use crate::attendant::Operator;
+use std::collections::VecDeque;
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 use sutura_host::link::{LinkError, Order};
+use sutura_host::scene::Pose;
 use sutura_host::session::{Arms, Attendant};
 use sutura_host::tool::Act;
 use sutura_shared::wire::message::{Command as ToConsole, HandScript, Simulate};
@@ -18,6 +23,8 @@ use sutura_view::{Command, Hand, Request};
 pub const COMMANDS: [&str; 5] = ["scalar", "safe_stop", "arm", "clear_fault", "save_last"];
 /// On a console whose tool has jaws.
 pub const JAWS: &str = "jaws";
+/// On a simulated console whose tool touches.
+pub const TAKE_OUT: &str = "take_out";
 /// See [`COMMANDS`].
 pub const SIMULATED: [&str; 2] = ["drag", "hand"];
 
@@ -35,15 +42,23 @@ pub struct PageAttendant {
     /// The console's tool, if that has jaws, and what is done with it before the next solve.
     jaws: Option<u8>,
     acts: Vec<Act>,
+    /// Ways out of the tissue for a simulated console's tool, and when the console is armed once it is out.
+    out: Option<TakeOut>,
+    arms_at: Option<Instant>,
+    /// Orders that go out with the next waits.
+    orders: VecDeque<Order>,
+    /// Where the page is told who has stopped it.
+    telemetry: Arc<Telemetry>,
 }
 
 impl PageAttendant {
-    /// Beside an operator; `hand` of a simulated console; `jaws`: the console's tool, if that has any.
+    /// Beside an operator; `hand` of a simulated console, and the ways out of the tissue for its tool; `jaws`: the console's
+    /// tool, if that has any.
     pub fn new(
         operator: Operator,
         asked: Receiver<Request>,
-        hand: Option<HandScript>,
-        saves: Saves,
+        (hand, out): (Option<HandScript>, Option<TakeOut>),
+        (saves, telemetry): (Saves, Arc<Telemetry>),
         jaws: Option<u8>,
     ) -> Self {
         Self {
@@ -55,20 +70,55 @@ impl PageAttendant {
             saves,
             jaws,
             acts: Vec::new(),
+            out,
+            arms_at: None,
+            orders: VecDeque::new(),
+            telemetry,
         }
+    }
+
+    /// Moves the grip out of the tissue once the console is disarmed, and has it armed when it is there.
+    fn take_out(&mut self) -> Result<(), NoWay> {
+        let (Some(out), Some((guide, since))) = (&self.out, &mut self.hand) else {
+            let message = "the tool of this console is not this page's to move";
+            return Err((message.to_owned(), "take it out by hand, then arm"));
+        };
+        let now_s = since.elapsed().as_secs_f64();
+        // Nothing pushes at a grip whose motors are off: it is where the hand wants it, as good as.
+        let grip = Pose {
+            position_m: guide.at(now_s),
+            orientation: [0.0, 0.0, 0.0, 1.0],
+        };
+        let (script, way_s) = out.way(guide, now_s, &grip)?;
+        self.is_stopped = true;
+        self.orders = [
+            Order::Command(ToConsole::Disarm),
+            Order::Simulate(Simulate::Hand(script)),
+        ]
+        .into();
+        self.arms_at = Some(Instant::now() + Duration::from_secs_f64(way_s + RESTS_S));
+        Ok(())
     }
 
     fn obey(&mut self, Request { command, reply }: Request) -> Option<Order> {
         let order = match command {
             Command::SafeStop => {
-                (self.arms, self.is_stopped) = (false, true);
+                (self.arms, self.is_stopped, self.arms_at) = (false, true, None);
+                self.telemetry.safe_stop(reply.asker());
                 Some(Order::Command(ToConsole::Disarm))
             }
             Command::ClearFault => Some(Order::Command(ToConsole::ClearFault)),
             Command::Arm => {
-                (self.arms, self.is_stopped) = (true, false);
+                (self.arms, self.is_stopped, self.arms_at) = (true, false, None);
                 None
             }
+            Command::TakeOut => match self.take_out() {
+                Ok(()) => self.orders.pop_front(),
+                Err((message, help)) => {
+                    reply.refuse(&message, help);
+                    return None;
+                }
+            },
             Command::Drag(to_m) => {
                 if let Some((guide, since)) = &mut self.hand {
                     guide.drag(since.elapsed().as_secs_f64(), to_m);
@@ -119,6 +169,10 @@ impl Attendant for PageAttendant {
     }
 
     fn arms(&mut self) -> Arms {
+        if self.arms_at.take_if(|at| Instant::now() >= *at).is_some() {
+            self.is_stopped = false;
+            return Arms::ByHand;
+        }
         if std::mem::take(&mut self.arms) {
             return Arms::ByHand;
         }
@@ -130,6 +184,9 @@ impl Attendant for PageAttendant {
 
     fn wait(&mut self, most: Duration) -> Option<Order> {
         let until = Instant::now() + most;
+        if let Some(order) = self.orders.pop_front() {
+            return Some(order);
+        }
         loop {
             let order = self.hand.as_mut().and_then(|(guide, since)| {
                 let script = guide.order(since.elapsed().as_secs_f64())?;

@@ -55,6 +55,8 @@ pub fn schema() -> Value {
         &json!({"type": "boolean"}),
     );
     add(&["recording"], &json!({"type": ["boolean", "null"]}));
+    add(&["stopped_by"], &json!({"type": ["string", "null"]}));
+    add(&["wall_latency_us"], &percentiles);
     let numbers = [
         "session",
         "time_s",
@@ -69,6 +71,7 @@ pub fn schema() -> Value {
         "force_n",
         "host_hz",
         "rows_hz",
+        "wall_hz",
         "speed",
         "wanted_speed",
         "picture_hz",
@@ -227,6 +230,14 @@ impl Gauges {
         let solves = std::mem::take(&mut self.solves);
         let with_rows = std::mem::take(&mut self.with_rows);
         let a_second = |count: u64| (passed_s > 0.0).then(|| count as f64 / passed_s);
+        let wall_hz = (passed_s > 0.0 && wall_s > 0.0).then(|| solves as f64 / wall_s);
+        let latency_us = self.latency.said();
+        // Latencies are counted in ticks: on the wall each of these took so many times as long.
+        let slower = (passed_s > 0.0).then(|| wall_s / passed_s);
+        let on_wall = |part: &str| latency_us["now"][part].as_f64().zip(slower);
+        let on_wall = |part: &str| on_wall(part).map(|(us, slower)| us * slower);
+        let wall_latency_us = on_wall("p50").zip(on_wall("p99"));
+        let wall_latency_us = wall_latency_us.map(|(p50, p99)| json!({"p50": p50, "p99": p99}));
         let state = self.last.as_ref();
         let force_n = state.map_or(0.0, |state| {
             state
@@ -242,7 +253,8 @@ impl Gauges {
             "tick": state.map_or(0, |state| state.tick),
             "mode": state.map_or("boot", |state| mode_word(state.mode)),
             "faults": fault_names(state.map_or(0, |state| state.faults)),
-            "latency_us": self.latency.said(),
+            "latency_us": latency_us,
+            "wall_latency_us": wall_latency_us,
             "age_us": self.age.said(),
             "step_us": self.step.said(),
             "stages_us": stages_us,
@@ -264,6 +276,7 @@ impl Gauges {
             "force_n": force_n,
             "host_hz": a_second(solves),
             "rows_hz": a_second(with_rows),
+            "wall_hz": wall_hz,
             "speed": if wall_s > 0.0 { passed_s / wall_s } else { 0.0 },
         });
         match said {
@@ -276,6 +289,7 @@ impl Gauges {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::time::Duration;
     use sutura_shared::console_endpoint::Sample;
 
     /// Ten solves in a tenth of a second, of which four had rows for the console; then none, and then time that stands still.
@@ -299,5 +313,39 @@ mod tests {
         assert_eq!(after(0.2, 0), (Some(0.0), Some(0.0)));
         assert_eq!(after(0.2, 2), (None, None));
         assert_eq!(after(0.3, 1), (Some(10.0), Some(10.0)));
+    }
+
+    /// Where the wall's clock has gone ten times as far as the session's, ten times fewer solves come in its second, and each
+    /// contact is felt ten times as late.
+    #[test]
+    fn a_session_that_is_slow_is_told_by_the_clock_on_the_wall() {
+        let mut gauges = Gauges::new();
+        let mut state = Sample::BEFORE_THE_FIRST.state;
+        gauges.state(0.0, &state);
+        (state.contact_sequence, state.applied_age_us) = (1, 5000);
+        gauges.state(0.1, &state);
+        let solve = json!({
+            "console_time_us": 0, "status": "ok", "state_hash": "", "wrench": null, "gap_m": null, "rows": 3, "step_us": 170e3,
+        });
+        let solve = serde_json::from_value(solve).expect("a solve");
+        (0..20).for_each(|_| gauges.solve(&solve));
+        gauges.said.0 = Instant::now() - Duration::from_secs(1);
+        let said = gauges.said(None, None);
+        let number = |value: &Value| value.as_f64().expect("a number");
+        let speed = number(&said["speed"]);
+        assert!((number(&said["host_hz"]) - 200.0).abs() < 1e-9, "{said:?}");
+        assert!(
+            (number(&said["wall_hz"]) / speed - 200.0).abs() < 1e-6,
+            "{said:?}"
+        );
+        let [latency, on_wall] = ["latency_us", "wall_latency_us"].map(|key| &said[key]);
+        let on_wall_us = number(&on_wall["p50"]) * speed;
+        assert!(
+            (on_wall_us - number(&latency["now"]["p50"])).abs() < 1e-6,
+            "{said:?}"
+        );
+        assert!(speed < 0.1001 && on_wall_us > 4900.0, "{said:?}");
+        // Time that stands still has no rate.
+        assert!(gauges.said(None, None)["wall_hz"].is_null());
     }
 }

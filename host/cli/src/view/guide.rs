@@ -4,6 +4,7 @@
 
 use super::settings::Grasp;
 use sutura_host::scene::position_at;
+use sutura_shared::device::JOINTS;
 use sutura_shared::wire::message::{HandScript, WAY_POINTS, WayPoint};
 use sutura_view::Hand;
 
@@ -25,6 +26,9 @@ const PLACES: usize = 2000;
 /// How fast it goes to where the scene's hand begins \[m/s\], and for how long at least \[s\].
 const TO_START_M_PER_S: f64 = 0.1;
 const TO_START_S: f64 = 0.3;
+/// How fast it takes a tool out of the tissue \[m/s\], and for how long at least \[s\].
+const OUT_M_PER_S: f64 = 0.1;
+const OUT_S: f64 = 0.3;
 /// Longest way that it can do again, in periods: 10 min.
 const LONGEST_WAY: usize = 60_000;
 /// What is said where nobody has dragged it.
@@ -126,6 +130,26 @@ impl Guide {
         let way_s = (distance(&at, &start) / TO_START_M_PER_S).max(TO_START_S);
         self.doing = Doing::ToStart(way, now_s + way_s);
         self.tell(now_s, &[(0.0, at), (way_s, start)])
+    }
+
+    /// Goes straight from where the grip is, with its joints at `start_joint`, to a place, and stays there. What it is told, and how
+    /// long that takes \[s\].
+    pub fn take_out(
+        &mut self,
+        now_s: f64,
+        from: [f64; 3],
+        to: [f64; 3],
+        start_joint: [f32; JOINTS],
+    ) -> (HandScript, f64) {
+        self.places.clear();
+        self.doing = Doing::Script;
+        let way_s = (distance(&from, &to) / OUT_M_PER_S).max(OUT_S);
+        let script = self.tell(now_s, &[(0.0, from), (way_s, to)]);
+        self.script = HandScript {
+            start_joint,
+            ..script
+        };
+        (self.script, way_s)
     }
 
     /// From now on it holds the grip so; what it is told for that, which is what is left of what it was told last.
@@ -369,6 +393,23 @@ mod tests {
             let still = guide.go(3.0, Hand::Still);
             assert_eq!(still.damping_n_s_per_m, 9.0);
         }
+    }
+
+    /// Taken out of the tissue in the middle of a drag, it follows that no more, and stays where it has come to.
+    #[test]
+    fn it_takes_a_tool_out_and_stays_there() {
+        let mut guide = Guide::new(hand());
+        guide.drag(0.0, Some([0.0, 0.0, -0.011]));
+        run(&mut guide, 0.0, 1.0);
+        let from = guide.at(1.0);
+        let (script, way_s) = guide.take_out(1.0, from, [0.0, 0.0, 0.02], [0.1, 0.2, 0.3]);
+        assert_eq!(Simulate::Hand(script).check(), Ok(()));
+        assert_eq!(script.start_joint, [0.1, 0.2, 0.3]);
+        assert!((way_s - 0.31).abs() < 1e-6, "{way_s} s");
+        let way = run(&mut guide, 1.0, 1.0);
+        assert!(way.windows(2).all(|two| two[1][2] >= two[0][2]));
+        assert!(distance(&way[way.len() - 1], &[0.0, 0.0, 0.02]) < 1e-6);
+        assert!(guide.order(3.0).is_none(), "it rests");
     }
 
     /// What it did when it was dragged it does again, as fast, from where it was taken, and stays where it was let go.

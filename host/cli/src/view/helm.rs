@@ -7,6 +7,7 @@ use super::prepare::{Prepared, Wish};
 use super::saves::Saves;
 use super::settings::{Change, Setting};
 use super::show::Show;
+use super::take_out::{NoWay, RESTS_S, TakeOut};
 use crate::failure::Failure;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -16,7 +17,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use sutura_host::link::Order;
-use sutura_host::scene::Tissue;
+use sutura_host::scene::{Pose, Tissue};
 use sutura_host::session::{Plan, Steer, Steered, Tuning};
 use sutura_host::tool::Act;
 use sutura_shared::wire::message::{Command as ToConsole, Mode, Simulate};
@@ -32,11 +33,12 @@ const LATE: Duration = Duration::from_millis(100);
 const TICKS_TO_OBEY: u64 = 3;
 
 /// Commands that a sandbox obeys.
-pub const COMMANDS: [&str; 17] = [
+pub const COMMANDS: [&str; 18] = [
     "scalar",
     "safe_stop",
     "arm",
     "clear_fault",
+    "take_out",
     "drag",
     "hand",
     "jaws",
@@ -101,6 +103,9 @@ pub struct Helm<'a> {
     /// The console's tool, if that has jaws, and what is done with it before the next solve.
     jaws: Option<u8>,
     acts: Vec<Act>,
+    /// Ways out of the tissue for the console's tool, and the tick at which the console is armed once it is out.
+    out: Option<TakeOut>,
+    arms_at: Option<u64>,
     making: Option<Making>,
     /// Sessions in the making in whose place another one was asked for.
     left: Vec<JoinHandle<Result<Prepared, Failure>>>,
@@ -134,6 +139,8 @@ impl<'a> Helm<'a> {
             from: (Instant::now(), 0),
             jaws: None,
             acts: Vec::new(),
+            out: None,
+            arms_at: None,
             making: None,
             left: Vec::new(),
             ended: None,
@@ -146,6 +153,11 @@ impl<'a> Helm<'a> {
     /// The console's tool has jaws, if it is one.
     pub fn close_jaws_of(&mut self, tool: Option<u8>) {
         self.jaws = tool;
+    }
+
+    /// The console's tool can be taken out of the tissue.
+    pub fn take_out_by(&mut self, out: Option<TakeOut>) {
+        self.out = out;
     }
 
     /// Time stands still from so long after the start on \[s\]; `reached` is set then.
@@ -178,11 +190,23 @@ impl<'a> Helm<'a> {
         let renders = matches!(now.state.mode, Mode::Armed | Mode::Decaying);
         let now_s = self.time_s(now);
         match command {
-            Command::SafeStop => self.order(ToConsole::Disarm, now, orders),
-            Command::Arm if now.state.mode == Mode::Fault => {
+            Command::SafeStop => {
+                self.arms_at = None;
+                self.show.telemetry().safe_stop(reply.asker());
+                self.order(ToConsole::Disarm, now, orders);
+            }
+            Command::Arm | Command::TakeOut if now.state.mode == Mode::Fault => {
                 return reply.refuse("the console is in a latched fault", "clear the fault first");
             }
-            Command::Arm => self.order(ToConsole::Arm, now, orders),
+            Command::Arm => {
+                self.arms_at = None;
+                self.order(ToConsole::Arm, now, orders);
+            }
+            Command::TakeOut => {
+                if let Err((message, help)) = self.take_out(now, orders) {
+                    return reply.refuse(&message, help);
+                }
+            }
             Command::ClearFault => self.order(ToConsole::ClearFault, now, orders),
             Command::Drag(Some(_)) | Command::Hand(_) if !renders => {
                 return reply.refuse("nobody holds a grip whose motors are off", "arm first");
@@ -282,6 +306,28 @@ impl<'a> Helm<'a> {
             self.until = Some(Until::Tick(now.ticks + TICKS_TO_OBEY));
             self.go_on(now.ticks);
         }
+    }
+
+    /// Disarms, moves the grip out of the tissue, and arms when it is there.
+    fn take_out(&mut self, now: &Steered<'_>, orders: &mut Vec<Order>) -> Result<(), NoWay> {
+        let now_s = self.time_s(now);
+        let grip = Pose {
+            position_m: now.state.position_m.map(f64::from),
+            orientation: now.state.orientation.map(f64::from),
+        };
+        let Some(out) = &self.out else {
+            let message = "the console's grip carries nothing that could be in the tissue";
+            return Err((message.to_owned(), "arm the console"));
+        };
+        let (script, way_s) = out.way(&mut self.guide, now_s, &grip)?;
+        self.order(ToConsole::Disarm, now, orders);
+        orders.push(Order::Simulate(Simulate::Hand(script)));
+        let ticks = ((way_s + RESTS_S) * f64::from(self.plan.tick_hz)).ceil() as u64;
+        self.arms_at = Some(now.ticks + ticks);
+        if self.paused {
+            self.until = Some(Until::Tick(now.ticks + ticks + TICKS_TO_OBEY));
+        }
+        Ok(())
     }
 
     fn set(
@@ -447,6 +493,9 @@ impl Steer for Helm<'_> {
                 None if wait < WORTH_SLEEPING => break,
                 None => {}
             }
+        }
+        if self.arms_at.take_if(|tick| now.ticks >= *tick).is_some() {
+            orders.push(Order::Command(ToConsole::Arm));
         }
         let now_s = self.time_s(now);
         if matches!(now.state.mode, Mode::Armed | Mode::Decaying)

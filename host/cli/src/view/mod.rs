@@ -44,6 +44,8 @@ mod shot;
 #[cfg(feature = "view")]
 mod show;
 #[cfg(feature = "view")]
+mod take_out;
+#[cfg(feature = "view")]
 mod telemetry;
 
 pub use args::PageArgs;

@@ -11,6 +11,7 @@ use super::prepare::Prepared;
 use super::saves::{Saves, named, unused};
 use super::settings::Setting;
 use super::show::Show;
+use super::take_out::TakeOut;
 use crate::failure::{Cause, Failure};
 use crate::recording::{LAST, build, failure};
 use crate::run::session_failure;
@@ -84,8 +85,12 @@ fn session(
     stop: &AtomicBool,
 ) -> Result<Ended, Failure> {
     let jaws = prepared.scene.driven_jaws();
-    let commands = COMMANDS.into_iter();
-    let commands = commands.filter(|name| *name != "jaws" || jaws.is_some());
+    let out = TakeOut::of(&prepared.scene, &prepared.solver, &prepared.plan);
+    let commands = COMMANDS.into_iter().filter(|name| match *name {
+        "jaws" => jaws.is_some(),
+        "take_out" => out.is_some(),
+        _ => true,
+    });
     let kind = Kind {
         source: "live",
         pace: "lockstep",
@@ -134,6 +139,7 @@ fn session(
     }
     let mut helm = Helm::new((asked, stop), &show, wish, (plan, settings), saves);
     helm.close_jaws_of(jaws);
+    helm.take_out_by(out);
     if let Some(At { at_s, reached }) = pause {
         helm.pause_at(at_s, reached);
     }

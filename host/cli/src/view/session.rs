@@ -3,13 +3,14 @@
 //! Entry points: [`Viewed::open`], [`Viewed::begin`], [`Viewed::end`].
 
 use super::PageArgs;
-use super::attendant::{COMMANDS, JAWS, PageAttendant, SIMULATED};
+use super::attendant::{COMMANDS, JAWS, PageAttendant, SIMULATED, TAKE_OUT};
 use super::hello::Kind;
 use super::live::Live;
 use super::page::Page;
 use super::recorded;
 use super::saves::Saves;
 use super::show::Show;
+use super::take_out::TakeOut;
 use crate::attendant::Operator;
 use crate::failure::{Cause, Failure};
 use std::path::{Path, PathBuf};
@@ -31,6 +32,8 @@ pub struct Viewed {
     live: Option<Live>,
     /// The console's tool, if that has jaws that the page may close.
     jaws: Option<u8>,
+    /// Ways out of the tissue for a simulated console's tool.
+    out: Option<TakeOut>,
 }
 
 impl Viewed {
@@ -69,6 +72,7 @@ impl Viewed {
             show: None,
             kept,
             jaws: None,
+            out: None,
         })
     }
 
@@ -96,6 +100,8 @@ impl Viewed {
             commands = COMMANDS.to_vec();
             if simulated {
                 commands.extend(SIMULATED);
+                self.out = TakeOut::of(scene, solver, plan);
+                commands.extend(self.out.as_ref().map(|_| TAKE_OUT));
             }
             self.jaws = scene.driven_jaws();
             commands.extend(self.jaws.map(|_| JAWS));
@@ -139,9 +145,16 @@ impl Viewed {
     ) -> Box<dyn Attendant> {
         match (self.page.take_asked(), &self.show) {
             (Some(asked), Some(show)) => {
-                let hand = simulated.then_some(plan.hand);
-                let saves = Saves::new(saver, show.telemetry().clone(), last, None);
-                Box::new(PageAttendant::new(operator, asked, hand, saves, self.jaws))
+                let telemetry = show.telemetry().clone();
+                let hand = (simulated.then_some(plan.hand), self.out.take());
+                let saves = Saves::new(saver, telemetry.clone(), last, None);
+                Box::new(PageAttendant::new(
+                    operator,
+                    asked,
+                    hand,
+                    (saves, telemetry),
+                    self.jaws,
+                ))
             }
             _ => Box::new(operator),
         }

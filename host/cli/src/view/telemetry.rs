@@ -34,6 +34,8 @@ struct Inner {
     mode: Option<Mode>,
     faults: u16,
     punctures: u32,
+    /// Who has asked for a safe stop, until the console is armed.
+    stopped_by: Option<&'static str>,
 }
 
 impl Telemetry {
@@ -49,6 +51,7 @@ impl Telemetry {
             mode: None,
             faults: 0,
             punctures: 0,
+            stopped_by: None,
         };
         Self {
             inner: Mutex::new(inner),
@@ -131,7 +134,13 @@ impl Telemetry {
         let mut said = inner.gauges.said(report, link);
         said.insert("kind".to_owned(), json!("gauges"));
         said.insert("session".to_owned(), json!(session));
+        said.insert("stopped_by".to_owned(), json!(inner.stopped_by));
         said
+    }
+
+    /// Somebody has asked for a safe stop.
+    pub fn safe_stop(&self, by: &'static str) {
+        self.lock().stopped_by = Some(by);
     }
 
     /// Tells of something that is known elsewhere.
@@ -171,8 +180,21 @@ impl Inner {
                     "",
                 ),
                 (Some(Mode::Decaying), Mode::Armed) => {}
-                (_, Mode::Armed) => self.event("armed", "the console is armed", ""),
-                (_, Mode::Idle) => self.event("disarmed", "the console is at rest", ""),
+                (_, Mode::Armed) => {
+                    self.stopped_by = None;
+                    self.event("armed", "the console is armed", "");
+                }
+                (before, Mode::Idle) => {
+                    let words = match (self.stopped_by, before) {
+                        (Some(by), _) => format!("safe stop, asked for by {by}"),
+                        (None, Some(Mode::Decaying)) => {
+                            "the console has let go: no contact came in time for half a second"
+                                .to_owned()
+                        }
+                        (None, _) => "the console is at rest".to_owned(),
+                    };
+                    self.event("disarmed", &words, "");
+                }
                 _ => {}
             }
         }
