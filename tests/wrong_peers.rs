@@ -2,14 +2,16 @@
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-use crate::support::session;
+use crate::support::session::{self, Plane, patient};
 use crate::support::{Ran, session_of, sutura};
+use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use sutura_hil::{Pty, VirtualConsole};
-use sutura_host::link::{Link, Order, Port};
+use sutura_host::link::{Link, LinkError, LinkOptions, Order, Port, open_serial};
+use sutura_host::session::{Arms, Attendant, Line, SessionError, run_lockstep, run_real_time};
 use sutura_shared::link::{ConsoleLink, Identity, LinkEvent};
-use sutura_shared::wire::message::{Command, Hello, Mode, Simulate};
+use sutura_shared::wire::message::{Command, Hello, Mode, Simulate, State};
 use sutura_shared::wire::{MAX_FRAME, PROTOCOL_VERSION, SCHEMA_HASH, Unchecked, decode, encode};
 
 #[test]
@@ -256,4 +258,249 @@ fn a_latched_fault_has_its_own_exit_code_until_it_is_cleared() {
     ]);
     assert!(ran.ended_well(), "{}", ran.stderr);
     assert!(ran.json()["ticks"].as_u64() > Some(0), "{}", ran.stdout);
+}
+
+/// A state at rest.
+fn state(tick: u32) -> State {
+    State {
+        tick,
+        position_m: [0.0; 3],
+        orientation: [0.0, 0.0, 0.0, 1.0],
+        velocity_m_per_s: [0.0; 3],
+        force_n: [0.0; 3],
+        current_a: [0.0; 3],
+        mode: Mode::Idle,
+        faults: 0,
+        contact_sequence: 0,
+        contact_age_us: u32::MAX,
+        applied_age_us: 0,
+        trace_hash: 0,
+        encoder_counts: [0; 3],
+        inputs: 0,
+        heard_sequence: 0,
+    }
+}
+
+/// A state's frame.
+fn sent(session: u32, sequence: u32, state: &State) -> Vec<u8> {
+    let mut frame = [0; MAX_FRAME];
+    let time_us = 1000 * u64::from(sequence);
+    let length = encode(session, sequence, time_us, state, &mut frame).unwrap();
+    frame[..length].to_vec()
+}
+
+/// What a peer sends in the n-th millisecond of a session.
+type Sends = fn(session: u32, turn: u32) -> Vec<u8>;
+
+/// Peers that open a session and send no state that can be used, and the word of the reason.
+const USELESS: [(&str, Sends, &str); 9] = [
+    (
+        "a place that is no number",
+        |session, turn| {
+            let position_m = [f32::NAN, 0.0, 0.0];
+            sent(
+                session,
+                turn,
+                &State {
+                    position_m,
+                    ..state(turn)
+                },
+            )
+        },
+        "frames were refused: a number is not finite",
+    ),
+    (
+        "turned by no unit quaternion",
+        |session, turn| {
+            let orientation = [0.0, 0.0, 0.0, 2.0];
+            sent(
+                session,
+                turn,
+                &State {
+                    orientation,
+                    ..state(turn)
+                },
+            )
+        },
+        "frames were refused: a value is out of range",
+    ),
+    (
+        "an old sequence",
+        |session, turn| sent(session, 9, &state(turn)),
+        "frames were refused: duplicate or out of order",
+    ),
+    (
+        "another session",
+        |session, turn| sent(session ^ 1, turn, &state(turn)),
+        "frames were refused: not of the open session",
+    ),
+    (
+        "ticks that stand still",
+        |session, turn| sent(session, turn, &state(7)),
+        "its ticks stand still",
+    ),
+    (
+        "ticks that crawl",
+        |session, turn| sent(session, turn, &state(turn / 100)),
+        "its ticks stand still",
+    ),
+    ("zeros", |_, _| vec![0; 200], "bytes came, no whole frame"),
+    (
+        "junk",
+        |_, turn| (1..40).map(|at: u32| (at * turn % 255) as u8).collect(),
+        "frames were refused",
+    ),
+    ("nothing", |_, _| Vec::new(), "nothing came"),
+];
+
+/// Opens every session that it is asked for, and sends what it sends.
+fn useless(pty: &mut Pty, stop: &AtomicBool, sends: Sends) {
+    let mut console = ConsoleLink::new(
+        Identity {
+            tick_hz: 1000,
+            simulated: true,
+            device_name: *b"useless\0\0\0\0\0\0\0\0\0",
+        },
+        1,
+    );
+    let (mut frame, mut chunk) = ([0; MAX_FRAME], [0; 512]);
+    let (mut session, mut turn) = (0, 0);
+    while !stop.load(Ordering::Relaxed) {
+        let count = pty.read(&mut chunk, Duration::from_millis(1)).unwrap_or(0);
+        let mut rest = &chunk[..count];
+        while console.receive(&mut rest, 0).is_some() {}
+        if let Some(length) = console.take_reply(0, &mut frame)
+            && let Ok(Unchecked::Hello(_, hello)) =
+                decode(&packet(&frame[..length])).unwrap().unpack()
+        {
+            (session, turn) = (hello.session, 0);
+            pty.write(&frame[..length]).unwrap();
+        }
+        if session != 0 {
+            turn += 1;
+            // A line that is full loses it.
+            let _ = pty.write(&sends(session, turn));
+        }
+    }
+}
+
+/// A session with such a peer; `again`: that is looked for when it is lost.
+fn session_with(sends: Sends, again: bool, stops: bool) -> SessionError {
+    struct Nobody;
+    impl Attendant for Nobody {
+        fn lost(&mut self, _: &LinkError) {}
+        fn back(&mut self) {}
+        fn arms(&mut self) -> Arms {
+            Arms::No
+        }
+    }
+    let mut pty = Pty::open().unwrap();
+    let path = pty.path().to_owned();
+    let stop = AtomicBool::new(false);
+    let plan = session::plan(3600.0);
+    std::thread::scope(|scope| {
+        let (pty, stop) = (&mut pty, &stop);
+        scope.spawn(move || useless(pty, stop, sends));
+        // A machine that is busy answers late.
+        let options = LinkOptions {
+            answer_within: patient().answer_within,
+            ..LinkOptions::default()
+        };
+        let line = match again {
+            true => Line::Again {
+                connect: Box::new(move || open_serial(&path)),
+                attendant: Box::new(Nobody),
+            },
+            false => open_serial(&path).unwrap().into(),
+        };
+        let ran = run_real_time(line, options, &plan, &mut Plane, |_| match stops {
+            true => ControlFlow::Break(()),
+            false => ControlFlow::Continue(()),
+        });
+        stop.store(true, Ordering::Relaxed);
+        ran.unwrap_err()
+    })
+}
+
+/// Nothing is waited for that only the other side can bring: the session ends with the reason.
+#[test]
+fn a_peer_without_a_state_that_can_be_used_is_named_with_the_reason() {
+    std::thread::scope(|scope| {
+        for (name, sends, reason) in USELESS {
+            for again in [false, true] {
+                scope.spawn(move || {
+                    let error = session_with(sends, again, false);
+                    let is_meant = match &error {
+                        SessionError::Silent { .. } => !again,
+                        SessionError::Link(LinkError::NoStates { .. }) => again,
+                        _ => false,
+                    };
+                    assert!(is_meant, "{name}, again {again}: {error:?}");
+                    let text = error.to_string();
+                    assert!(text.contains(reason), "{name}, again {again}: {text}");
+                });
+            }
+        }
+    });
+}
+
+/// Who no longer wants to wait for a first state is heard before there is one.
+#[test]
+fn a_session_is_stopped_before_its_first_state() {
+    for again in [false, true] {
+        let error = session_with(|_, _| vec![0; 200], again, true);
+        let is_meant = matches!(error, SessionError::Link(LinkError::GivenUp { .. }));
+        assert!(is_meant, "{error:?}");
+    }
+}
+
+/// The command's exit codes: refused frames are another protocol, silence is no console.
+#[test]
+fn useless_peers_have_an_exit_code_and_a_next_step() {
+    for (at, code, help) in [(0, 4, "same build"), (4, 3, "busy")] {
+        let mut pty = Pty::open().unwrap();
+        let path = pty.path().to_owned();
+        let stop = AtomicBool::new(false);
+        let (_, sends, reason) = USELESS[at];
+        let ran = std::thread::scope(|scope| {
+            let (pty, stop) = (&mut pty, &stop);
+            scope.spawn(move || useless(pty, stop, sends));
+            let ran = sutura(&["run", "--console", &path, "--seconds", "3600"]);
+            stop.store(true, Ordering::Relaxed);
+            ran
+        });
+        assert_eq!(ran.code, code, "{}", ran.stderr);
+        for part in [reason, help] {
+            assert!(ran.stderr.contains(part), "{part:?} in {}", ran.stderr);
+        }
+    }
+}
+
+/// A console in lockstep that says nothing after its first states.
+struct Stuck(sutura_hil::NativeConsole, u32);
+
+impl sutura_host::link::LockstepConsole for Stuck {
+    fn exchange(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
+        self.1 += 1;
+        self.0.exchange(down, up)?;
+        if self.1 > 300 {
+            up.clear();
+        }
+        Ok(())
+    }
+
+    fn name(&self) -> &str {
+        "stuck"
+    }
+}
+
+#[test]
+fn a_console_in_lockstep_that_falls_silent_is_named_with_the_reason() {
+    let plan = session::plan(3600.0);
+    let console = sutura_hil::NativeConsole::new(&plan.device).unwrap();
+    let mut stuck = Stuck(console, 0);
+    let ran = run_lockstep(&mut stuck, &plan, &mut Plane, |_| ControlFlow::Continue(()));
+    let error = ran.unwrap_err();
+    assert!(matches!(error, SessionError::Silent { .. }), "{error:?}");
+    assert!(error.to_string().contains("nothing came"), "{error}");
 }

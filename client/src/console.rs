@@ -19,6 +19,8 @@ pub struct Options {
     pub contact_spacing: Duration,
     /// How long the console may take to answer.
     pub answer_within: Duration,
+    /// Whether to give up, asked while a session is opened.
+    pub give_up: fn() -> bool,
 }
 
 impl Default for Options {
@@ -27,6 +29,7 @@ impl Default for Options {
             horizon: Duration::from_millis(60),
             contact_spacing: Duration::ZERO,
             answer_within: Duration::from_secs(3),
+            give_up: || false,
         }
     }
 }
@@ -36,6 +39,7 @@ impl Options {
         LinkOptions {
             contact_spacing: self.contact_spacing,
             answer_within: self.answer_within,
+            give_up: self.give_up,
             ..LinkOptions::default()
         }
     }

@@ -1,7 +1,11 @@
-//! Work that may take seconds, told as it is begun: what it is, and how large.
+//! Work that may take seconds, told as it is begun: what it is, and how large; and how it is ended early.
 //!
-//! Entry point: [`TARGET`]. It is told as `tracing` events, whose fields are the [`WHAT`] and [`SIZE`] of the work or, while
+//! Entry points: [`TARGET`], [`stop_with`]. It is told as `tracing` events, whose fields are the [`WHAT`] and [`SIZE`] of the work or, while
 //! it goes on, [`DONE`] parts [`OF`] so many; whoever shows progress listens, and nobody pays who does not.
+
+use std::cell::RefCell;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Target of the events.
 pub const TARGET: &str = "sutura::work";
@@ -14,6 +18,24 @@ pub const DONE: &str = "done";
 /// Field with all parts.
 pub const OF: &str = "of";
 
+thread_local! {
+    static STOP: RefCell<Option<Arc<AtomicBool>>> = const { RefCell::new(None) };
+}
+
+/// Has long work on this thread end with an error at its next stage, piece or pass once `stop` is set; none: it goes on to its end.
+/// A factorisation is one piece.
+pub fn stop_with(stop: Option<Arc<AtomicBool>>) {
+    STOP.set(stop);
+}
+
+/// Whether work on this thread is to end.
+pub(crate) fn is_stopped() -> bool {
+    STOP.with_borrow(|stop| {
+        let stop = stop.as_ref();
+        stop.is_some_and(|stop| stop.load(Ordering::Relaxed))
+    })
+}
+
 /// Says that something is begun that may take long.
 pub(crate) fn begin(what: &'static str, size: impl FnOnce() -> String) {
     if tracing::enabled!(target: TARGET, tracing::Level::INFO) {
@@ -24,4 +46,51 @@ pub(crate) fn begin(what: &'static str, size: impl FnOnce() -> String) {
 /// Says how far it is.
 pub(crate) fn part(done: usize, of: usize) {
     tracing::debug!(target: TARGET, done, of);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Document, Scene, read};
+    use crate::session::SceneSolver;
+
+    fn slab(model: &str) -> Scene {
+        let text = format!(
+            r#"
+            gravity_m_per_s2 = [0.0, 0.0, -9.81]
+            [mesh.slab]
+            size_m = [0.04, 0.04, 0.02]
+            divisions = [4, 4, 2]
+            [tissue]
+            model = "{model}"
+            youngs_modulus_pa = 15e3
+            poisson_ratio = 0.45
+            density_kg_per_m3 = 1000.0
+            [[fixed]]
+            plane = {{ axis = "z", at_m = -0.02 }}
+            [[tool]]
+            radius_m = 0.014
+            "#
+        );
+        read(&Document::embedded("slab.toml", "".as_ref(), &text)).expect("a good scene")
+    }
+
+    /// A flag that is set ends the building of a solver with an error, on this thread alone; without it the same is built.
+    #[test]
+    fn building_ends_where_it_is_stopped() {
+        let stop = Arc::new(AtomicBool::new(true));
+        for model in ["linear", "corotational", "hyperelastic"] {
+            let scene = slab(model);
+            stop_with(Some(stop.clone()));
+            let error = SceneSolver::new(&scene).map(drop).expect_err("stopped");
+            assert!(error.to_string().contains("stopped"), "{model}: {error}");
+            let elsewhere = std::thread::scope(|scope| {
+                let built = scope.spawn(|| SceneSolver::new(&scene).map(drop));
+                built.join().expect("no panic")
+            });
+            assert!(elsewhere.is_ok(), "{model}: {elsewhere:?}");
+            stop_with(None);
+            assert!(SceneSolver::new(&scene).is_ok(), "{model}");
+        }
+    }
 }

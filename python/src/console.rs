@@ -91,6 +91,7 @@ impl From<client::Pose> for Pose {
 fn options(horizon_s: f64) -> PyResult<client::Options> {
     Ok(client::Options {
         horizon: duration("horizon_s", horizon_s)?,
+        give_up: error::gives_up,
         ..client::Options::default()
     })
 }

@@ -3,7 +3,13 @@
 use miette::{Diagnostic, GraphicalReportHandler, GraphicalTheme};
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
+use std::cell::RefCell;
 use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::thread::Builder;
+use std::time::Duration;
 use sutura_host::link::LinkError;
 use sutura_host::session;
 
@@ -72,8 +78,30 @@ pub fn of_solve(error: &session::SolveError) -> PyErr {
     }
 }
 
-/// A link that is not there, or broke.
+thread_local! {
+    /// Why this thread has given up.
+    static GIVEN_UP: RefCell<Option<PyErr>> = const { RefCell::new(None) };
+}
+
+/// Whether Ctrl-C came: for waits that end with an error of the link, which [`of_link`] makes Python's.
+pub fn gives_up() -> bool {
+    match interrupted() {
+        Ok(()) => false,
+        Err(error) => {
+            GIVEN_UP.set(Some(error));
+            true
+        }
+    }
+}
+
+/// A link that is not there, or broke, or was given up.
 pub fn of_link(error: &LinkError) -> PyErr {
+    if let Some(interrupt) = GIVEN_UP
+        .take()
+        .filter(|_| matches!(error, LinkError::GivenUp { .. }))
+    {
+        return interrupt;
+    }
     ConsoleError::new_err(harmless(&format!("{error}: {}", error.help())))
 }
 
@@ -104,6 +132,42 @@ pub fn said(error: &dyn Diagnostic) -> String {
 /// What Python wants to do about Ctrl-C.
 pub fn interrupted() -> PyResult<()> {
     Python::attach(|py| py.check_signals())
+}
+
+/// Between two looks for Ctrl-C.
+const LOOK: Duration = Duration::from_millis(50);
+/// Stack of a thread that works \[bytes\]: as the system gives a program's first.
+pub const STACK: usize = 8 << 20;
+
+/// Works on a thread of its own, without Python's lock, while this one looks for Ctrl-C. After that nobody waits for the work, which
+/// ends at its next [stage](sutura_host::work::stop_with).
+///
+/// # Errors
+/// What Ctrl-C raises; no thread.
+pub fn apart<T: Send + 'static>(
+    py: Python<'_>,
+    work: impl FnOnce() -> T + Send + 'static,
+) -> PyResult<T> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let stops = stop.clone();
+    // Disconnected once the work is done.
+    let (working, done) = channel::<()>();
+    let worker = Builder::new().stack_size(STACK).spawn(move || {
+        let _working = working;
+        sutura_host::work::stop_with(Some(stops));
+        work()
+    });
+    let worker = worker.map_err(|error| Error::new_err(format!("no thread: {error}")))?;
+    py.detach(|| {
+        while let Err(RecvTimeoutError::Timeout) = done.recv_timeout(LOOK) {
+            if let Err(raised) = interrupted() {
+                stop.store(true, Ordering::Relaxed);
+                return Err(raised);
+            }
+        }
+        let done = worker.join();
+        Ok(done.unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+    })
 }
 
 /// Looks for Ctrl-C for work that asks whether to go on.

@@ -36,9 +36,10 @@ pub fn run_session(
 ) -> PyResult<String> {
     let plan = plan(&scene.inner, seconds, host_hz, rendering)?;
     let (inner, sources) = (scene.inner.clone(), scene.sources.clone());
+    let built = inner.clone();
+    let solver = error::apart(py, move || SceneSolver::for_session(&built, &plan))?;
     py.detach(|| {
-        let mut solver =
-            SceneSolver::for_session(&inner, &plan).map_err(|error| error::of_solve(&error))?;
+        let mut solver = solver.map_err(|error| error::of_solve(&error))?;
         // In lockstep columns are computed in step: when they are there must not depend on this machine's pace.
         if !lockstep {
             solver.start_worker();
@@ -90,6 +91,7 @@ fn in_real_time(
     let options = LinkOptions {
         real_time: true,
         at_once: true,
+        give_up: error::gives_up,
         ..LinkOptions::default()
     };
     let mut simulated = None;
@@ -99,8 +101,8 @@ fn in_real_time(
     } else {
         let mut port = open_serial(name).map_err(link)?;
         // A session that nobody uses is nobody's: the next one is opened as if this had not been.
-        knock(port.as_mut(), &LinkOptions::default()).map_err(link)?;
-        drain(port.as_mut()).map_err(link)?;
+        knock(port.as_mut(), &options).map_err(link)?;
+        drain(port.as_mut(), &options).map_err(link)?;
         port
     };
     let port: Box<dyn Port> = Box::new(TappedPort::new(port, tap.clone()));
@@ -163,7 +165,9 @@ pub fn replay_session(py: Python<'_>, path: PathBuf, build: String) -> PyResult<
         let here = About::here(build, &about.plan, &about.tissue);
         let console = replay_console(&recording, &mut NativeTicks::new(&about.plan.device));
         let scene = recording.scene().map_err(|error| error::of_scene(&error))?;
-        let solver = SceneSolver::for_session(&scene, &about.plan);
+        let plan = about.plan;
+        let solver =
+            Python::attach(|py| error::apart(py, move || SceneSolver::for_session(&scene, &plan)))?;
         let mut solver = solver.map_err(|error| error::of_solve(&error))?;
         let mut watch = Watch::default();
         let same_bits = about.same_bits(&here);

@@ -3,7 +3,7 @@
 //! Python's lock is released in steps. A solver that one thread uses refuses another: it never waits, and never mixes two ways.
 
 use crate::array::{give, vector};
-use crate::error::{BusyError, SolveError, of_solve};
+use crate::error::{BusyError, SolveError, apart, of_solve};
 use crate::report::Step;
 use crate::scene::Scene;
 use pyo3::exceptions::{PyKeyError, PyValueError};
@@ -102,7 +102,8 @@ impl Solver {
     #[new]
     fn new(py: Python<'_>, scene: &Scene) -> PyResult<Self> {
         let scene = scene.inner.clone();
-        let solver = py.detach(|| SceneSolver::new(&scene));
+        let built = scene.clone();
+        let solver = apart(py, move || SceneSolver::new(&built))?;
         let solver = solver.map_err(|error| of_solve(&error))?;
         let inside = Mutex::new(Inside {
             solver,

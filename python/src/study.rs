@@ -1,7 +1,7 @@
 //! The studies' tables. Entry points from Python: `sutura.tradeoff`, `sutura.merge`, `sutura.stability`, `sutura.fidelity`. All return
 //! JSON with the keys of the command's, and hand on each line as it is found.
 
-use crate::error::{self, Error, harmless, interrupted};
+use crate::error::{self, Error, STACK, harmless, interrupted};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use serde::Serialize;
@@ -22,8 +22,6 @@ use sutura_study::tradeoff::table::{Plan, Share, merge};
 const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), " (python)");
 /// Between two looks for Ctrl-C.
 const LOOK: Duration = Duration::from_millis(50);
-/// Stack of a thread that works \[bytes\]: as the system gives a program's first.
-const STACK: usize = 8 << 20;
 
 /// Names of the trade-off's cases: see `sutura.tradeoff_cases`.
 #[pyfunction]

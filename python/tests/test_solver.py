@@ -1,5 +1,6 @@
 """Steps: what is felt is physics, arrays are one's own, and two threads do not share a solver."""
 
+import signal
 import threading
 import time
 
@@ -175,3 +176,34 @@ def test_a_solver_in_a_step_refuses_another_thread_and_lets_python_run(slab):
         time.sleep(0)
     thread.join()
     assert refused and "in use by another thread: give each thread a solver" in refused[0]
+
+
+def test_ctrl_c_is_heard_while_a_solver_is_built():
+    """A handler that raises at its third call: a build that looks for signals makes these calls, one that does not makes one at most."""
+    large = {
+        "name": "large",
+        "mesh": {"slab": {"size_m": [0.3, 0.3, 0.1], "divisions": [45, 45, 15]}},
+        "tissue": {"model": "linear", "youngs_modulus_pa": 15e3, "poisson_ratio": 0.45},
+        "fixed": [{"plane": {"axis": "z", "at_m": -0.1}}],
+        "tool": [{"radius_m": 0.03}],
+    }
+    scene = sutura.scene(large)
+    calls = []
+
+    def handler(_signal, _frame):
+        calls.append(None)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, handler)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.1, 0.1)
+        with pytest.raises(KeyboardInterrupt):
+            try:
+                sutura.Solver(scene)
+            finally:
+                signal.setitimer(signal.ITIMER_REAL, 0.0)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    assert len(calls) == 3

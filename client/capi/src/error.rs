@@ -47,11 +47,15 @@ impl From<Error> for Refusal {
             Error::NoPort { .. }
             | Error::Permission { .. }
             | Error::Open { .. }
-            | Error::NoAnswer { .. } => SUTURA_NO_CONSOLE,
+            | Error::NoAnswer { .. }
+            | Error::GivenUp { .. } => SUTURA_NO_CONSOLE,
             Error::Busy { .. } | Error::Owned { .. } => SUTURA_BUSY,
             Error::Mismatch { .. } => SUTURA_MISMATCH,
             Error::Unsendable { .. } => SUTURA_BAD_ARGUMENT,
-            Error::Gone { .. } | Error::Stuck { .. } | Error::Console { .. } => SUTURA_GONE,
+            Error::Gone { .. }
+            | Error::Stuck { .. }
+            | Error::NoStates { .. }
+            | Error::Console { .. } => SUTURA_GONE,
         };
         Refusal {
             code,

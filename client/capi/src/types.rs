@@ -47,6 +47,7 @@ impl From<&SuturaOptions> for Options {
             horizon: or(given.horizon_ms, default.horizon),
             contact_spacing: Duration::from_micros(u64::from(given.contact_spacing_us)),
             answer_within: or(given.answer_within_ms, default.answer_within),
+            ..default
         }
     }
 }

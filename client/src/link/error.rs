@@ -71,6 +71,24 @@ pub enum LinkError {
         /// What came instead.
         heard: String,
     },
+    /// Somebody answered the handshake, and no state came that a session can use.
+    #[error("the console on `{name}` opened a session and sent no state that can be used within {:.1} s: {heard}", waited.as_secs_f64())]
+    NoStates {
+        /// The port.
+        name: String,
+        /// How long the host waited.
+        waited: Duration,
+        /// What came instead.
+        heard: String,
+        /// Whether frames came, and were refused.
+        refused: bool,
+    },
+    /// The caller no longer waits for an answer.
+    #[error("the console on `{name}` is no longer waited for: interrupted")]
+    GivenUp {
+        /// The port.
+        name: String,
+    },
     /// The two ends speak different protocols.
     #[error("the console on `{name}` and this program do not work together: {mismatch}")]
     Mismatch {
@@ -151,7 +169,9 @@ impl LinkError {
                 mismatch: Mismatch::Unusable(Reject::Name),
                 ..
             } => "give its device file a `name` of 1 to 16 letters, digits and `-`, and start it anew with that".to_owned(),
-            LinkError::Mismatch { .. } if self.is_of_virtual() => {
+            LinkError::Mismatch { .. } | LinkError::NoStates { refused: true, .. }
+                if self.is_of_virtual() =>
+            {
                 "start the virtual console from the same build as this program: `sutura console`".to_owned()
             }
             _ if self.is_of_virtual() => VIRTUAL_HELP.to_owned(),
@@ -169,6 +189,10 @@ impl LinkError {
             LinkError::NoAnswer { .. } => {
                 "check that this port is a Sutura console, that it has power and that its firmware runs; press its reset and try again".to_owned()
             }
+            LinkError::NoStates { .. } => {
+                "press the console's reset and try again; if it stays, flash the firmware that came with this program: `cargo xtask firmware`".to_owned()
+            }
+            LinkError::GivenUp { .. } => "start again once it answers: `sutura doctor PORT` says what comes".to_owned(),
             LinkError::Mismatch { .. } => {
                 "flash the firmware that came with this program: `cargo xtask firmware`".to_owned()
             }
@@ -185,6 +209,7 @@ impl LinkError {
     fn is_of_virtual(&self) -> bool {
         match self {
             LinkError::NoAnswer { name, .. }
+            | LinkError::NoStates { name, .. }
             | LinkError::Mismatch { name, .. }
             | LinkError::Gone { name, .. }
             | LinkError::Stuck { name, .. }
@@ -213,6 +238,12 @@ mod tests {
                     name: name.clone(),
                     waited: Duration::from_secs(3),
                     heard: reason.clone(),
+                },
+                LinkError::NoStates {
+                    name: name.clone(),
+                    waited: Duration::from_secs(2),
+                    heard: reason.clone(),
+                    refused: false,
                 },
                 LinkError::Stuck {
                     name: name.clone(),

@@ -67,10 +67,10 @@ pub(super) fn write_all(
 /// opens is nobody's: the next host's `Hello` takes its place, and a session that has a host is left alone.
 ///
 /// # Errors
-/// [`LinkError::NoAnswer`], [`LinkError::Owned`], [`LinkError::Mismatch`], or [`LinkError::Gone`].
+/// [`LinkError::NoAnswer`], [`LinkError::Owned`], [`LinkError::Mismatch`], [`LinkError::GivenUp`], or [`LinkError::Gone`].
 pub fn knock(port: &mut dyn Port, options: &LinkOptions) -> Result<Hello, LinkError> {
     let end = Mutex::new(HostLink::new(options.tick_hz));
-    let (console, _) = shake_hands(port, &end, options.answer_within, || false)?;
+    let (console, _) = shake_hands(port, &end, options.answer_within, options.give_up)?;
     Ok(console)
 }
 
@@ -80,14 +80,14 @@ const QUIET: Duration = Duration::from_millis(20);
 const QUIET_WITHIN: Duration = Duration::from_millis(1500);
 
 /// Reads what comes over `port` and is of no use any more, such as the states of the session that [`knock`] opened, until
-/// nothing comes.
+/// nothing comes, or the caller [gives up](LinkOptions::give_up).
 ///
 /// # Errors
 /// [`LinkError::Gone`].
-pub fn drain(port: &mut dyn Port) -> Result<(), LinkError> {
+pub fn drain(port: &mut dyn Port, options: &LinkOptions) -> Result<(), LinkError> {
     let mut chunk = [0; 4096];
     let began = Instant::now();
-    while began.elapsed() < QUIET_WITHIN {
+    while began.elapsed() < QUIET_WITHIN && !(options.give_up)() {
         match port.read(&mut chunk, QUIET) {
             Ok(0) => break,
             Ok(_) => {}
@@ -119,7 +119,10 @@ pub(super) fn shake_hands(
         question.clear();
         question.push(0);
         question.extend_from_slice(&frame[..length]);
-        write_all(port, &question, late).map_err(|error| gone(&name, &error))?;
+        write_all(port, &question, late).map_err(|error| match give_up() {
+            true => LinkError::GivenUp { name: name.clone() },
+            false => gone(&name, &error),
+        })?;
         while asked.elapsed() < again && !late() {
             let count = port
                 .read(&mut chunk, READ_WAIT)
@@ -139,6 +142,9 @@ pub(super) fn shake_hands(
                 }
             }
         }
+    }
+    if give_up() {
+        return Err(LinkError::GivenUp { name });
     }
     if owned {
         return Err(LinkError::Owned { name });

@@ -15,6 +15,7 @@ mod sent;
 mod silence;
 mod slot;
 mod threads;
+mod unusable;
 
 pub use clock::{Clock, ClockEstimate, Exchange, RoundTrips};
 pub use error::{LinkError, Ports, VIRTUAL_HELP, is_virtual};
@@ -26,3 +27,4 @@ pub use port::{ConsolePort, Port, consoles, open_serial, serial_ports, touch};
 pub use sent::SentContact;
 pub use silence::Silence;
 pub use threads::{Connector, Heard, Link, LinkCounters, LinkOptions, Standing};
+pub use unusable::{Advance, Unusable};

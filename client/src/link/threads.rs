@@ -10,10 +10,11 @@ use super::handshake::{READ_WAIT, gone, lock, shake_hands, write_all};
 use super::sent::{SentContact, SentContacts};
 use super::silence::Silence;
 use super::slot::{Outbox, Outgoing, Slot};
+use super::unusable::{Advance, Unusable};
 use super::{LinkError, Port};
 use crate::scheduling::{Duty, Granted, Role};
 use std::fmt;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU16, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -32,6 +33,9 @@ const PING_EVERY: Duration = Duration::from_micros(99_382);
 /// See [`LinkOptions::silent_after`]. A console answers every ping; and one that starts anew without
 /// its port going away is to be found again within a second.
 const SILENT: Duration = Duration::from_millis(600);
+/// A console may take so long from its answer to the first state that can be used. A link that looks for its console again is over
+/// then: it has never seen one.
+const FIRST_STATE: Duration = Duration::from_secs(2);
 /// Time between two attempts to open the port of a console that went away.
 const OPEN_AGAIN: Duration = Duration::from_millis(100);
 /// How long a console that came back may take to answer before its port is opened anew.
@@ -44,7 +48,8 @@ pub struct LinkOptions {
     pub tick_hz: u16,
     /// How long the console may take to answer.
     pub answer_within: Duration,
-    /// A console from which nothing came for so long is taken for gone, where it can be looked for again.
+    /// A console that sent no state that can be used for so long is taken for gone, where it can be looked for again. States whose
+    /// ticks [stand still](Advance) cannot be used.
     pub silent_after: Duration,
     /// Shortest time between two contact frames; newer ones replace the one that waits.
     pub contact_spacing: Duration,
@@ -55,6 +60,8 @@ pub struct LinkOptions {
     /// Whether [`Link::felt`] writes itself where the line is free, which saves the writer's wake-up. It then waits for a line
     /// that is full, for 20 ms at most. Not with a `contact_spacing`.
     pub at_once: bool,
+    /// Whether to give up, asked while a handshake waits on the caller's thread.
+    pub give_up: fn() -> bool,
 }
 
 impl Default for LinkOptions {
@@ -67,6 +74,7 @@ impl Default for LinkOptions {
             ping_every: PING_EVERY,
             real_time: false,
             at_once: false,
+            give_up: || false,
         }
     }
 }
@@ -159,6 +167,10 @@ struct Shared {
     /// Why the writer could not.
     unwritten: Mutex<Option<LinkError>>,
     status: Mutex<Status>,
+    /// What came since the last state that counted.
+    unusable: Mutex<Unusable>,
+    /// Ticks between two states, as the console was told in this session.
+    state_every: AtomicU16,
     clock: Mutex<Clock>,
     /// The host's clock starts here.
     started: Instant,
@@ -255,7 +267,8 @@ impl Link {
     ) -> Result<Link, LinkError> {
         let name = port.name();
         let end = Mutex::new(HostLink::new(options.tick_hz));
-        let (console, rest) = shake_hands(port.as_mut(), &end, options.answer_within, || false)?;
+        let (console, rest) =
+            shake_hands(port.as_mut(), &end, options.answer_within, options.give_up)?;
         let writer_port = port.try_clone().map_err(|error| gone(&name, &error))?;
         let shared = Arc::new(Shared {
             tick_hz: options.tick_hz,
@@ -274,6 +287,8 @@ impl Link {
                 console,
                 over: None,
             }),
+            unusable: Mutex::default(),
+            state_every: AtomicU16::new(1),
             clock: Mutex::default(),
             started: Instant::now(),
             contacts_sent: AtomicU64::new(0),
@@ -372,6 +387,9 @@ impl Link {
     /// As [`check`](Self::check); [`LinkError::Stuck`] if the console takes no orders.
     pub fn order(&self, order: Order) -> Result<(), LinkError> {
         self.check()?;
+        if let Order::Command(Command::StateEvery { ticks }) = order {
+            self.shared.state_every.store(ticks, Ordering::Relaxed);
+        }
         let queued = self.shared.outbox.order(order);
         queued.map_err(|_| LinkError::Stuck {
             name: self.name.clone(),
@@ -388,6 +406,11 @@ impl Link {
             None => Ok(()),
             Some(error) => Err(error.clone()),
         }
+    }
+
+    /// The reason why no state came since the last that could be used, in words.
+    pub fn why_no_state(&self) -> String {
+        lock(&self.shared.unusable).to_string()
     }
 
     /// What went over the link so far.
@@ -476,7 +499,7 @@ impl<L: FnMut(Heard<'_>)> Reader<L> {
             };
             // Some ports can be opened once only: let go of this one first.
             drop(port);
-            if self.connect.is_none() {
+            if self.connect.is_none() || matches!(lost, LinkError::NoStates { .. }) {
                 return self.shared.end(lost);
             }
             self.shared.suspend();
@@ -500,7 +523,10 @@ impl<L: FnMut(Heard<'_>)> Reader<L> {
         duty: &mut Option<Duty>,
     ) -> Option<LinkError> {
         let opened = Instant::now();
-        self.hear(rest, opened);
+        *lock(&self.shared.unusable) = Unusable::default();
+        let mut advance = Advance::new(self.options.tick_hz, self.options.silent_after);
+        let mut counted = u32::from(self.hear(rest, opened, &mut advance));
+        let is_first = lock(&self.shared.status).sessions == 1;
         let mut silence = Silence::from(opened);
         let mut chunk = [0; 4096];
         while !self.shared.is_closing() {
@@ -511,13 +537,13 @@ impl<L: FnMut(Heard<'_>)> Reader<L> {
             match port.read(&mut chunk, READ_WAIT) {
                 Ok(count) => {
                     let now = Instant::now();
-                    let came = self.hear(&chunk[..count], now);
+                    let came = self.hear(&chunk[..count], now, &mut advance);
+                    counted = counted.saturating_add(u32::from(came));
                     let quiet = silence.look(now, came);
-                    if count == 0 && self.connect.is_some() && quiet > self.options.silent_after {
-                        let silent = self.options.silent_after.as_secs_f64();
-                        let reason = format!("nothing came for {silent:.1} s");
-                        let name = port.name();
-                        return Some(LinkError::Gone { name, reason });
+                    // The first counts, whatever its tick: only the next one shows that ticks go on.
+                    let is_new = is_first && counted < 2;
+                    if self.connect.is_some() && quiet > self.patience(is_new) {
+                        return Some(self.without_states(port.name(), is_new));
                     }
                 }
                 Err(error) => return Some(gone(&port.name(), &error)),
@@ -526,22 +552,55 @@ impl<L: FnMut(Heard<'_>)> Reader<L> {
         None
     }
 
-    /// Whether any of the bytes that came at `now` was the end of a good frame.
-    fn hear(&mut self, bytes: &[u8], now: Instant) -> bool {
+    /// Time without a state that can be used after which the console is gone; a new one has longer.
+    fn patience(&self, is_new: bool) -> Duration {
+        let every = f64::from(self.shared.state_every.load(Ordering::Relaxed));
+        let between = Duration::from_secs_f64(every / f64::from(self.options.tick_hz.max(1)));
+        let silent = self.options.silent_after + between;
+        match is_new {
+            true => silent.max(FIRST_STATE),
+            false => silent,
+        }
+    }
+
+    /// The error of a session in which no state can be used for so long.
+    fn without_states(&self, name: String, is_new: bool) -> LinkError {
+        let waited = self.patience(is_new);
+        let unusable = lock(&self.shared.unusable);
+        let heard = unusable.to_string();
+        if is_new {
+            return LinkError::NoStates {
+                name,
+                waited,
+                heard,
+                refused: unusable.is_refused(),
+            };
+        }
+        let reason = format!("no state for {:.1} s: {heard}", waited.as_secs_f64());
+        LinkError::Gone { name, reason }
+    }
+
+    /// Whether a state that counts was among the bytes that came at `now`.
+    fn hear(&mut self, bytes: &[u8], now: Instant, advance: &mut Advance) -> bool {
         let shared = &self.shared;
         shared
             .bytes_up
             .fetch_add(bytes.len() as u64, Ordering::Relaxed);
+        lock(&shared.unusable).bytes(bytes.len());
         let mut any = false;
         let mut bytes = bytes.iter();
         loop {
             // Not over the listener, and not for every byte.
             let event = {
                 let mut end = lock(&shared.end);
-                bytes.find_map(|byte| end.receive(*byte))
+                let mut unusable = lock(&shared.unusable);
+                bytes.find_map(|byte| {
+                    let event = end.receive(*byte);
+                    unusable.look(&end.counters());
+                    event
+                })
             };
             let Some(event) = event else { return any };
-            any = true;
             if matches!(event, HostEvent::State(_)) {
                 // Not over the listener either.
                 let next = || lock(&shared.sent).next();
@@ -554,7 +613,15 @@ impl<L: FnMut(Heard<'_>)> Reader<L> {
                 HostEvent::State(state) => {
                     let time_us = state.console_time_us();
                     shared.console_time_us.store(time_us, Ordering::Relaxed);
-                    shared.states.put(state.body().tick, state);
+                    let tick = state.body().tick;
+                    shared.states.put(tick, state);
+                    let counts = advance.counts(tick);
+                    any |= counts;
+                    let mut unusable = lock(&shared.unusable);
+                    match counts {
+                        true => unusable.counted(tick),
+                        false => unusable.stood(tick),
+                    }
                 }
                 HostEvent::Pong(pong) => {
                     let pong = pong.body();
@@ -564,8 +631,9 @@ impl<L: FnMut(Heard<'_>)> Reader<L> {
                         sent_us: pong.sent_us,
                         heard_us: shared.host_us(now),
                     });
+                    lock(&shared.unusable).other();
                 }
-                _ => {}
+                _ => lock(&shared.unusable).other(),
             }
         }
     }
@@ -626,6 +694,7 @@ impl Shared {
         self.states.clear();
         lock(&self.clock).forget();
         self.console_time_us.store(0, Ordering::Relaxed);
+        self.state_every.store(1, Ordering::Relaxed);
         let mut before = lock(&self.before);
         let mut end = lock(&self.end);
         *before = sum(*before, end.counters());

@@ -13,6 +13,8 @@ use sutura_host::link::{Port, consoles, open_serial};
 
 /// Longest time between two lines of a self-test, which says every second that it is busy; a reset takes two.
 const SILENCE: Duration = Duration::from_secs(5);
+/// Longest self-test, however busy the board says it is.
+const LONGEST: Duration = Duration::from_secs(600);
 /// Time between two attempts to reach a board that resets itself.
 const RETRY: Duration = Duration::from_millis(200);
 /// What a self-test is told: to begin, and to go on after a reset.
@@ -104,7 +106,7 @@ pub fn run(args: &DeviceArgs, global: &Global) -> Result<(), Failure> {
                     say!("{line}");
                 }
             };
-            let report = listen(open, || open_serial(&name).ok(), say)?;
+            let report = listen(open, || open_serial(&name).ok(), say, LONGEST)?;
             judge(&report, port, out.as_deref(), global)
         }
         DeviceCommand::Log { serial, elf } => log::run(serial, elf.as_deref(), global),
@@ -312,12 +314,14 @@ impl Found {
 }
 
 /// Asks for a self-test and gives its lines as they come, until it ends. Sends the bytes that it asks for, and opens the port again
-/// after each reset that it has told of.
+/// after each reset that it has told of. A self-test that is not over after the `longest` time is given up.
 fn listen(
     port: Box<dyn Port>,
     mut reopen: impl FnMut() -> Option<Box<dyn Port>>,
     mut say: impl FnMut(&str),
+    longest: Duration,
 ) -> Result<Report, Failure> {
+    let began = Instant::now();
     let name = port.name();
     let mut open = Some(port);
     let mut report = Report::default();
@@ -369,8 +373,14 @@ fn listen(
                 heard = before;
             }
         }
-        if heard.elapsed() > SILENCE {
+        if heard.elapsed() > SILENCE || began.elapsed() > longest {
             let message = match report.checks.last() {
+                _ if began.elapsed() > longest => {
+                    format!(
+                        "the self-test on `{name}` does not end: it may take {} s",
+                        longest.as_secs()
+                    )
+                }
                 None => format!("nothing on `{name}` answers as a self-test"),
                 Some(last) => format!("the self-test on `{name}` stopped after `{}`", last.name),
             };
@@ -467,7 +477,8 @@ mod tests {
             while board.read(&mut asked, Duration::from_millis(50)).is_ok() {}
         });
         let mut lines = Vec::new();
-        let report = listen(Box::new(host), || None, |line| lines.push(line.to_owned()));
+        let say = |line: &str| lines.push(line.to_owned());
+        let report = listen(Box::new(host), || None, say, LONGEST);
         there.join().expect("it ends");
         (report, lines)
     }
@@ -507,6 +518,30 @@ mod tests {
                 scope.spawn(move || check(said, says));
             }
         });
+    }
+
+    /// Who says for ever that it is busy, or finds something new for ever, is not waited for.
+    #[test]
+    fn a_self_test_without_an_end_is_given_up() {
+        for said in [
+            "busy for a while\n",
+            "pass again 1 of 1\n",
+            "~\n",
+            "next reset\n",
+        ] {
+            let (host, mut board) = pipe();
+            let there = std::thread::spawn(move || {
+                while board.write(said.as_bytes()).is_ok() {
+                    let _ = board.read(&mut [0; 8], Duration::from_millis(5));
+                }
+            });
+            let longest = Duration::from_millis(200);
+            let report = listen(Box::new(host), || None, |_| {}, longest);
+            let error = report.expect_err("no end").report.to_string();
+            let is_meant = error.contains("does not end") || error.contains("nothing on");
+            assert!(is_meant, "{said:?}: {error}");
+            there.join().expect("it ends");
+        }
     }
 
     #[test]
@@ -595,6 +630,7 @@ mod tests {
             Box::new(host),
             || ports.pop().flatten(),
             |line| lines.push(line.to_owned()),
+            LONGEST,
         );
         let (asked, bytes, word) = there.join().expect("it ends");
         assert_eq!((asked.as_slice(), word.as_slice()), (BEGIN, GO_ON));

@@ -161,14 +161,16 @@ impl Display {
     /// # Errors
     /// When nobody reads the stream any more.
     pub fn show(&mut self, note: &Progress<'_>) -> io::Result<()> {
-        let force_n = note
-            .state
+        let Some(state) = note.state else {
+            return Ok(());
+        };
+        let force_n = state
             .force_n
             .iter()
             .map(|f| f64::from(*f).powi(2))
             .sum::<f64>()
             .sqrt();
-        let mode = mode_word(note.state.mode);
+        let mode = mode_word(state.mode);
         if let Some(bar) = &self.bar {
             bar.set_length((note.seconds * PER_SECOND) as u64);
             bar.set_position((note.elapsed_s * PER_SECOND) as u64);
@@ -178,13 +180,13 @@ impl Display {
             ));
         }
         if self.stream {
-            let age_us = note.state.contact_age_us;
+            let age_us = state.contact_age_us;
             let line = Line {
                 elapsed_s: note.elapsed_s,
-                tick: note.state.tick,
+                tick: state.tick,
                 mode,
-                position_m: note.state.position_m,
-                force_n: note.state.force_n,
+                position_m: state.position_m,
+                force_n: state.force_n,
                 age_ms: (age_us != u32::MAX).then(|| f64::from(age_us) / 1e3),
                 ticks_late: note.report.map(|report| report.ticks_late),
             };

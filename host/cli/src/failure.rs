@@ -53,9 +53,11 @@ impl Cause {
                 "bad usage or bad input: an argument, a file, something in a file; a recording by another console code; \
                  a console with motors that is another device than the scene's"
             }
-            Cause::NoConsole => "no such port, nothing answers on it, no emulator",
+            Cause::NoConsole => {
+                "no such port, nothing answers on it or it sends no state that can be used, no emulator"
+            }
             Cause::Protocol => {
-                "the console speaks another protocol version or other message schemas"
+                "the console speaks another protocol version or other message schemas, or all that it sends is refused"
             }
             Cause::Fault => "the console is in a latched fault",
             Cause::Diverged => "a replay took another course than its recording",
@@ -65,7 +67,7 @@ impl Cause {
                  the steps in contact were withheld or not balanced, once those are a quarter of a second's"
             }
             Cause::Interrupted => {
-                "by Ctrl-C or `kill` before a table was whole: it has what there was by then; of other commands a second Ctrl-C"
+                "by Ctrl-C or `kill` before a table was whole: it has what there was by then; of other commands one before a console's first state, or a second Ctrl-C"
             }
         }
     }

@@ -7,7 +7,7 @@ use crate::failure::{Cause, Failure};
 use crate::recording::{self, Recording};
 use crate::replay;
 use crate::series::SERIES_HZ;
-use crate::signals::stop_on_signals;
+use crate::signals::{stop_on_signals, stopped};
 use crate::top::Top;
 use crate::view::PageArgs;
 use crate::view::session::{Viewed, has_desktop};
@@ -34,7 +34,7 @@ use sutura_host::session::{
 use sutura_shared::control::TICK_HZ;
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::wire::inputs;
-use sutura_shared::wire::message::Fixture;
+use sutura_shared::wire::message::{Fixture, State};
 
 /// Runs a scene on a console: tissue is solved here, its force is felt there.
 #[derive(Args, Debug)]
@@ -282,7 +282,8 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     let (mut withholding, mut waiting) = (Lasting::default(), Lasting::default());
     let mut progress = |note: &Progress<'_>| {
         let heard = display.show(note).is_ok();
-        let is_withheld = note.state.inputs & inputs::WITHHELD != 0;
+        let withheld = |state: &State| state.inputs & inputs::WITHHELD != 0;
+        let is_withheld = note.state.is_some_and(withheld);
         if withholding.lasts(note.elapsed_s, is_withheld) {
             note!("{WITHHELD}");
         }
@@ -423,7 +424,7 @@ impl Door {
             _ => {
                 let mut port = open_serial(name).map_err(link_failure)?;
                 // A session that nobody uses is nobody's: the next one is opened as if this had not been.
-                knock(port.as_mut(), &LinkOptions::default()).map_err(link_failure)?;
+                knock(port.as_mut(), &options()).map_err(link_failure)?;
                 door.port = Some(port);
             }
         }
@@ -469,7 +470,7 @@ fn session(
                 port: tapped(console.host_port().map_err(link_failure)?, tap),
                 attendant: Some(operator),
             };
-            let options = LinkOptions::default();
+            let options = options();
             let summary = in_real_time(line, "virtual", options, plan, solver, progress)?;
             let got = console.granted().word();
             let scheduling = summary.scheduling.map(|rest| Scheduling {
@@ -501,7 +502,7 @@ fn session(
             let contact_spacing = Duration::from_secs_f64(1.0 / UART_HZ);
             let options = LinkOptions {
                 contact_spacing,
-                ..LinkOptions::default()
+                ..options()
             };
             let line = tapped(port, tap).into();
             let summary = in_real_time(line, UART, options, plan, solver, progress)?;
@@ -511,7 +512,7 @@ fn session(
         port => in_real_time(
             line(port, door.port.take(), operator, tap),
             port,
-            LinkOptions::default(),
+            options(),
             plan,
             solver,
             progress,
@@ -529,7 +530,7 @@ fn line(
 ) -> Line {
     let (path, tap) = (path.to_owned(), tap.clone());
     let mut open = move || match port.take() {
-        Some(mut port) => drain(port.as_mut()).map(|()| port),
+        Some(mut port) => drain(port.as_mut(), &options()).map(|()| port),
         None => open_serial(&path),
     };
     Line::Again {
@@ -540,6 +541,14 @@ fn line(
 
 fn tapped(port: Box<dyn Port>, tap: &Tap) -> Box<dyn Port> {
     Box::new(TappedPort::new(port, tap.clone()))
+}
+
+/// A link that is given up on Ctrl-C.
+fn options() -> LinkOptions {
+    LinkOptions {
+        give_up: stopped,
+        ..LinkOptions::default()
+    }
 }
 
 fn in_real_time(
@@ -588,7 +597,8 @@ impl From<PlanError> for Failure {
 /// A failed link with its exit code and the next step.
 pub fn link_failure(error: LinkError) -> Failure {
     let cause = match &error {
-        LinkError::Mismatch { .. } => Cause::Protocol,
+        LinkError::Mismatch { .. } | LinkError::NoStates { refused: true, .. } => Cause::Protocol,
+        LinkError::GivenUp { .. } => Cause::Interrupted,
         LinkError::Unsendable { .. } => Cause::BadInput,
         _ => Cause::NoConsole,
     };

@@ -28,10 +28,19 @@ pub fn interrupted(lines: usize) -> Failure {
     Failure::say(Cause::Interrupted, message, help).after_summary()
 }
 
+/// Whether a signal came.
+static STOPPED: AtomicBool = AtomicBool::new(false);
+
+/// Whether a signal has set the flag of this process.
+pub fn stopped() -> bool {
+    STOPPED.load(Ordering::Relaxed)
+}
+
 fn on_signals(first: impl Fn() + Send + 'static) -> Result<Arc<AtomicBool>, Failure> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = stop.clone();
     let set = ctrlc::set_handler(move || {
+        STOPPED.store(true, Ordering::Relaxed);
         if flag.swap(true, Ordering::Relaxed) {
             #[cfg(feature = "top")]
             crate::top::terminal::restore();

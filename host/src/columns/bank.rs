@@ -10,6 +10,8 @@ use sutura_models::memory;
 const MISSING: u32 = u32::MAX;
 /// More vertices than these at once are told as work: a step computes a few batches at most.
 const LONG: usize = 64;
+/// Part of the free memory that columns may take which are computed beforehand.
+const SHARE: f64 = 0.5;
 
 /// Groups of vertices and where each begins, for [`Bank::largest`].
 #[derive(Clone, Debug)]
@@ -150,7 +152,7 @@ impl Bank {
     }
 
     /// Computes the columns of those `vertices` that have none yet nor are on their way; they count as used in the
-    /// step `now`. Whether all found room.
+    /// step `now`. Whether all found room, and the work was not stopped. Many at once leave [half](SHARE) of the memory that is free.
     #[expect(clippy::too_many_arguments, reason = "who solves, for what, when")]
     pub fn compute(
         &mut self,
@@ -169,7 +171,9 @@ impl Bank {
         // What is computed in a step is not worth a word.
         let missing = if vertices.len() > LONG {
             let new = vertices.iter().filter(|vertex| !self.has(**vertex));
-            new.count().min(self.most_slots)
+            let new = new.count();
+            self.fit(new, memory::available_bytes());
+            new.min(self.most_slots)
         } else {
             0
         };
@@ -192,6 +196,9 @@ impl Bank {
                 }
             }
             if count == batch.len() || (index + 1 == vertices.len() && count > 0) {
+                if is_long && work::is_stopped() {
+                    return false;
+                }
                 solver.solve(tissue, &batch[..count]);
                 for (which, (&slot, &vertex)) in slots.iter().zip(&batch[..count]).enumerate() {
                     let home = &mut self.slots[slot as usize];
@@ -207,6 +214,20 @@ impl Bank {
             }
         }
         room
+    }
+
+    /// Limits the slots so that so many `new` ones leave enough of the memory that is free \[bytes\].
+    fn fit(&mut self, new: usize, free_bytes: Option<u64>) {
+        let bytes = self.bytes_per_vertex().max(1);
+        let fits = free_bytes.map_or(usize::MAX, |free| (SHARE * free as f64) as usize / bytes);
+        let most = self.slots.len().saturating_add(fits.max(LONG));
+        let wanted = (self.slots.len() + new).min(self.most_slots);
+        if most < wanted {
+            tracing::warn!(
+                "there is memory for the compliance of {most} of {wanted} vertices; that of the others is computed as they are touched"
+            );
+            self.most_slots = most;
+        }
     }
 
     /// Makes slots until so many are empty, if the memory limit allows them.
@@ -289,5 +310,30 @@ impl Bank {
     /// A force on `pushed` displaces no vertex of each group by more than this \[m/N\].
     pub fn largest(&self, pushed: u32) -> &[f64] {
         &self.slots[self.place[pushed as usize] as usize].largest
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Columns that are computed beforehand leave half of the free memory; without a figure for that they take what their limit says.
+    #[test]
+    fn columns_beforehand_leave_memory_for_others() {
+        const VERTICES: usize = 10_000;
+        let slots_with = |free: Option<usize>| {
+            // 3,000 columns are always allowed: 2.16 GB.
+            let mut bank = Bank::new(VERTICES, 512 << 20, 3000);
+            assert_eq!(bank.most_slots, 3000);
+            bank.fit(
+                2000,
+                free.map(|slots| (slots * bank.bytes_per_vertex()) as u64),
+            );
+            bank.most_slots
+        };
+        assert_eq!(slots_with(None), 3000);
+        assert_eq!(slots_with(Some(4001)), 3000, "there is room for all");
+        assert_eq!(slots_with(Some(2000)), 1000);
+        assert_eq!(slots_with(Some(0)), LONG);
     }
 }

@@ -19,7 +19,10 @@ const BYTES_PER_CELL: u64 = 800;
 pub(super) fn begin(cells: usize) -> Result<(), TissueError> {
     memory::require("its stiffness", BYTES_PER_CELL * cells as u64)?;
     work::begin("assembling the stiffness", || format!("{cells} cells"));
-    Ok(())
+    match work::is_stopped() {
+        true => Err(TissueError::Stopped),
+        false => Ok(()),
+    }
 }
 
 /// Sums the stiffness of [placed](Element::placed) elements over the `free` first places: where, and how

@@ -14,6 +14,9 @@ pub enum TissueError {
     /// The material.
     #[error(transparent)]
     Material(#[from] MaterialError),
+    /// Somebody no longer waits for it: see [`stop_with`](crate::work::stop_with).
+    #[error("stopped before it was done")]
+    Stopped,
     /// More than there is memory for.
     #[error("the mesh is too large for this machine: {0}")]
     TooLarge(#[from] Shortage),

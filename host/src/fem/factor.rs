@@ -33,6 +33,8 @@ pub(crate) enum NotFactored {
     Indefinite,
     /// It is too large for the memory that is free.
     TooLarge(Shortage),
+    /// Nobody waits for it any more.
+    Stopped,
 }
 
 /// What a factor is for, as far as that takes memory.
@@ -83,6 +85,9 @@ impl Factor {
         let bytes = size_of::<f64>() * entries;
         let all = bytes * need.copies.max(1) + symbolic.cholesky.factor_bytes();
         memory::require(FACTOR, all as u64 + need.beside_bytes)?;
+        if work::is_stopped() {
+            return Err(NotFactored::Stopped);
+        }
         work::begin("factoring the stiffness", || {
             format!(
                 "{nodes} free nodes, {:.1} million entries, {:.2} GB",
@@ -231,6 +236,7 @@ impl NotFactored {
         match self {
             NotFactored::Indefinite => TissueError::Floating { fixed },
             NotFactored::TooLarge(shortage) => shortage.into(),
+            NotFactored::Stopped => TissueError::Stopped,
         }
     }
 }

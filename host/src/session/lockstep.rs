@@ -10,7 +10,7 @@ use super::{
     Underway,
 };
 use crate::core_time::core_time;
-use crate::link::{Felt, LinkCounters, LinkError, LockstepConsole, Order, append};
+use crate::link::{Felt, LinkCounters, LinkError, LockstepConsole, Order, Unusable, append};
 use crate::tool::Act;
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -36,6 +36,8 @@ struct Line<'a> {
     up: Vec<u8>,
     newest_us: u64,
     exchanges: u32,
+    /// What came since the last state that counted.
+    unusable: Unusable,
     /// Down and up.
     bytes: (u64, u64),
 }
@@ -68,8 +70,11 @@ impl Line<'_> {
         self.bytes.1 += self.up.len() as u64;
         self.down.clear();
         let mut heard = Heard::default();
+        self.unusable.bytes(self.up.len());
         for byte in &self.up {
-            match self.end.receive(*byte) {
+            let event = self.end.receive(*byte);
+            self.unusable.look(&self.end.counters());
+            match event {
                 Some(HostEvent::Opened(console)) => heard.opened = Some(console),
                 Some(HostEvent::Refused(mismatch)) => {
                     return Err(LinkError::Mismatch {
@@ -198,6 +203,7 @@ pub fn run_steered(
         up: Vec::new(),
         newest_us: 0,
         exchanges: 0,
+        unusable: Unusable::default(),
         bytes: (0, 0),
     };
     let hello = line.open(&mut tally)?;
@@ -209,7 +215,7 @@ pub fn run_steered(
     let mut pending: Option<(u64, Felt)> = None;
     let mut underway = Underway::default();
     let mut counters = LinkCounters::default();
-    let (mut silent, mut solves) = (0, 0);
+    let (mut silent, mut solves, mut last_tick) = (0, 0, None);
     let mut orders = Vec::new();
     while tally.ticks() < plan.ticks() {
         if let Some(state) = tally.last() {
@@ -257,16 +263,26 @@ pub fn run_steered(
                 }
             }
         }
-        let Some(state) = line.exchange(&mut tally)?.state else {
+        let state = line.exchange(&mut tally)?.state;
+        let tick = state.as_ref().map(|state| state.body().tick);
+        if tick.is_none() || tick == last_tick {
             silent += 1;
+            if let Some(tick) = tick {
+                line.unusable.stood(tick);
+            }
             if silent > u32::from(plan.state_every) + ANSWER_WITHIN {
                 return Err(SessionError::Silent {
                     waited_s: f64::from(silent) / f64::from(plan.tick_hz),
+                    heard: line.unusable.to_string(),
                 });
             }
-            continue;
-        };
-        silent = 0;
+        }
+        let Some(state) = state else { continue };
+        if tick != last_tick {
+            silent = 0;
+            last_tick = tick;
+            line.unusable.counted(state.body().tick);
+        }
         if let Some(watch) = &mut arming {
             match watch.judge(state.body())? {
                 Arming::Armed => {
@@ -306,7 +322,7 @@ pub fn run_steered(
             let note = Progress {
                 elapsed_s,
                 seconds: plan.seconds,
-                state: state.body(),
+                state: Some(state.body()),
                 report: tally.last_report(),
                 link: None,
                 needle_waits: tally.waits(),

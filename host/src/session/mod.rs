@@ -162,8 +162,8 @@ pub struct Progress<'a> {
     pub elapsed_s: f64,
     /// How long the session is to last \[s\].
     pub seconds: f64,
-    /// The console's newest state.
-    pub state: &'a State,
+    /// The console's newest state; none before the first.
+    pub state: Option<&'a State>,
     /// The console's newest report.
     pub report: Option<&'a Report>,
     /// The link so far; none in lockstep, which has no line.

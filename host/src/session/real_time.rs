@@ -11,7 +11,7 @@ use super::setup::{Arming, ArmingWatch};
 use super::summary::{ConsoleClock, LinkSummary, RoundTrip, Throughput};
 use super::{LatenessProbe, Plan, Progress, Scheduling, SessionError, Solve, Statistics, Summary};
 use crate::link::{
-    Connector, Heard, Link, LinkCounters, LinkError, LinkOptions, Order, Port, RoundTrips,
+    Advance, Connector, Heard, Link, LinkCounters, LinkError, LinkOptions, Order, Port, RoundTrips,
     SentContact, Silence, Standing,
 };
 use crate::scheduling::{Duty, Granted, LockedMemory, Role};
@@ -567,6 +567,7 @@ impl Watch<'_> {
         solver_ended: impl Fn() -> bool,
     ) -> Result<Ended, SessionError> {
         let mut silence = Silence::from(Instant::now());
+        let mut advance = Advance::new(self.plan.tick_hz, self.silent);
         let mut elapsed_s = 0.0;
         let mut last: Option<(State, Instant)> = None;
         loop {
@@ -608,26 +609,30 @@ impl Watch<'_> {
             if let Some(why) = lost {
                 self.end.get_or_insert(Instant::now() + left);
                 self.arming = None;
-                if let Some(attendant) = &mut self.attendant {
+                // One that comes back without a state that can be used has not been back.
+                let is_away = matches!(self.rest, Some(Rest::Away(_)));
+                if let Some(attendant) = self.attendant.as_mut().filter(|_| !is_away) {
                     attendant.lost(&why);
                 }
                 self.rest = Some(Rest::Away(why));
             }
             let heard = |state: Option<(State, Instant)>| state.map(|(_, heard)| heard);
-            let quiet = silence.look(Instant::now(), heard(newest.or(last)) != heard(last));
+            let new = newest.filter(|_| heard(newest) != heard(last));
+            let goes_on = new.is_some_and(|(state, _)| advance.counts(state.tick));
+            let quiet = silence.look(Instant::now(), goes_on);
             if self.rest.is_none() && quiet > self.silent && !self.returns {
                 return Err(SessionError::Silent {
                     waited_s: self.silent.as_secs_f64(),
+                    heard: self.link.why_no_state(),
                 });
             }
             self.look_after(newest, last)?;
             last = newest.or(last);
-            let Some((state, _)) = &last else { continue };
             elapsed_s = ticks as f64 / f64::from(self.plan.tick_hz);
             let note = Progress {
                 elapsed_s,
                 seconds: self.plan.seconds,
-                state,
+                state: last.as_ref().map(|(state, _)| state),
                 report: report.as_ref(),
                 link: Some(link_summary(self.link)),
                 needle_waits,
@@ -635,12 +640,17 @@ impl Watch<'_> {
             let stopped = progress(&note).is_break();
             let in_time = self.end.is_none_or(|end| Instant::now() < end);
             match (&self.rest, stopped || !in_time) {
+                (None, true) if last.is_none() => {
+                    let name = self.link.name().to_owned();
+                    return Err(LinkError::GivenUp { name }.into());
+                }
                 (None, true) => return Ok(Ended::Running),
                 (Some(Rest::Back), true) => return Ok(Ended::AtRest),
                 (Some(Rest::Away(why)), true) => return Err(why.clone().into()),
                 (Some(_), false) => continue,
                 (None, false) => {}
             }
+            let Some((state, _)) = &last else { continue };
             // At rest, or in a latched fault, nothing more is to be felt.
             let stays = self.attendant.as_ref().is_some_and(|other| other.stays());
             let fault = self.arming.is_none() && state.mode == Mode::Fault && !stays;

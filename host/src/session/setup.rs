@@ -115,11 +115,13 @@ pub enum SessionError {
         /// The slowest that does \[Hz\].
         least_hz: f64,
     },
-    /// No state came for so long that the console must be taken for dead.
-    #[error("no state came from the console for {waited_s} s")]
+    /// No state that can be used came for so long that the console must be taken for dead.
+    #[error("no state that can be used came from the console for {waited_s} s: {heard}")]
     Silent {
         /// How long the host waited \[s\].
         waited_s: f64,
+        /// What came instead.
+        heard: String,
     },
 }
 

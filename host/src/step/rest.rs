@@ -17,8 +17,11 @@ use crate::model::Model;
 use crate::needle::NeedlePart;
 use crate::source::Handles;
 use crate::thread::Threads;
+use crate::work;
 use nalgebra::Vector3;
 
+/// Most parts of the loads that are tried: tissue that these would move by more pieces of a way has loads that cannot be meant.
+const MOST_TRIED: u32 = 256;
 /// Smallest part of the loads that is tried by itself.
 const LEAST_SHARE: f64 = 1.0 / 4096.0;
 /// Out-of-balance force on tissue that turns over the forces on it, at the end and on the way.
@@ -129,6 +132,13 @@ impl Whole {
 /// The rest, the tissue's motion there and the potential energy of tissue that turns \[J\].
 type Settled = (Rest, Motion, Option<f64>);
 
+/// Says that a rest is looked for.
+fn begin(far_m: f64) {
+    work::begin("looking for rest under loads and handles", || {
+        format!("nodes go up to {:.1} mm", 1e3 * far_m)
+    });
+}
+
 /// Takes the loads on; nothing if tissues do not touch in the end.
 fn follow(
     model: &Model,
@@ -137,6 +147,7 @@ fn follow(
     far_m: f64,
 ) -> Result<Option<Settled>, NoRest> {
     let points_m = model.points_m();
+    begin(far_m);
     whole.load(sources, points_m, 0.0);
     // There are as many rows at any share.
     let mut work = SourcesWork::new(model, sources);
@@ -182,6 +193,7 @@ pub(crate) fn hold(
     let along = |share| handles.part_way(&resting, share);
     sources.handles = along(0.0);
     let far_m = handles.way_m(&resting);
+    begin(far_m);
     let mut work = SourcesWork::new(model, &sources);
     let mut state = SourcesState::new(&sources, model.motion.clone());
     in_shares(
@@ -200,14 +212,23 @@ pub(crate) fn hold(
 }
 
 /// Comes to a balance at growing shares of what acts, `stride` apart at first, up to the whole; each is asked for with
-/// how exact it has to be.
+/// how exact it has to be. Gives up after so [many](MOST_TRIED).
 fn in_shares(
     stride: f64,
     state: &mut SourcesState,
     mut balanced: impl FnMut(&mut SourcesState, f64, f64) -> Result<(), Status>,
 ) -> Result<(), NoRest> {
     let (mut share, mut stride) = (0.0, stride.min(1.0));
+    let mut tried = 0;
     while share < 1.0 {
+        // The rest of them by strides like this is too many: that is known before they are tried.
+        let left = (1.0 - share) / stride;
+        if f64::from(tried) + left > f64::from(MOST_TRIED) || work::is_stopped() {
+            let status = Status::NotConverged;
+            return Err(NoRest { share, status });
+        }
+        tried += 1;
+        work::part((1e3 * share) as usize, 1000);
         let next = if share + stride < 1.0 {
             share + stride
         } else {
@@ -296,4 +317,80 @@ fn balance(
         }
     }
     Err(Status::NotConverged)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::scene::{Document, SceneError, read};
+    use crate::work::{TARGET, WHAT};
+    use std::fmt::Debug;
+    use std::sync::{Arc, Mutex};
+    use tracing::field::{Field, Visit};
+    use tracing::span::{Attributes, Id, Record};
+    use tracing::{Event, Metadata, Subscriber};
+
+    /// Names of the work that was begun.
+    #[derive(Clone, Default)]
+    struct Told(Arc<Mutex<Vec<String>>>);
+
+    impl Subscriber for Told {
+        fn enabled(&self, metadata: &Metadata<'_>) -> bool {
+            metadata.target() == TARGET
+        }
+
+        fn new_span(&self, _: &Attributes<'_>) -> Id {
+            Id::from_u64(1)
+        }
+
+        fn record(&self, _: &Id, _: &Record<'_>) {}
+
+        fn record_follows_from(&self, _: &Id, _: &Id) {}
+
+        fn event(&self, event: &Event<'_>) {
+            event.record(&mut &*self);
+        }
+
+        fn enter(&self, _: &Id) {}
+
+        fn exit(&self, _: &Id) {}
+    }
+
+    impl Visit for &Told {
+        fn record_str(&mut self, field: &Field, value: &str) {
+            if field.name() == WHAT {
+                let mut told = self.0.lock().expect("nobody has panicked");
+                told.push(value.to_owned());
+            }
+        }
+
+        fn record_debug(&mut self, _: &Field, _: &dyn Debug) {}
+    }
+
+    /// Slabs that a force presses together \[N\], and the work that is told.
+    fn pressed(down_n: f64) -> (Result<(), SceneError>, Vec<String>) {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../scenes/touching-slabs.toml");
+        let text = std::fs::read_to_string(path).expect("a scene that ships");
+        let loads = format!("total_force_n = [0.0, 0.1, -{down_n}]");
+        let text = text.replace("total_force_n = [0.0, 0.1, -0.5]", &loads);
+        assert!(text.contains(&loads));
+        let told = Told::default();
+        let scene = read(&Document::embedded("slabs.toml", "".as_ref(), &text));
+        let scene = scene.expect("a good scene");
+        let built = tracing::subscriber::with_default(told.clone(), || scene.build());
+        let told = told.0.lock().expect("nobody has panicked").clone();
+        (built.map(drop), told)
+    }
+
+    /// The search for rest is told under its own name, and loads that move tissue out of all proportion are refused before it takes minutes.
+    #[test]
+    fn rest_is_looked_for_by_its_name_and_within_limits() {
+        let (built, told) = pressed(0.5);
+        built.expect("rest under half a newton");
+        let is_rest = |what: &&String| what.starts_with("looking for rest");
+        assert_eq!(told.iter().filter(is_rest).count(), 1, "{told:?}");
+        let (built, told) = pressed(500.0);
+        assert_eq!(told.iter().filter(is_rest).count(), 1, "{told:?}");
+        let error = built.expect_err("no rest under 500 N").to_string();
+        assert!(error.contains("make the loads smaller"), "{error}");
+    }
 }

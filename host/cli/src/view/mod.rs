@@ -109,12 +109,12 @@ pub fn run(args: &ViewArgs, global: &Global) -> Result<(), Failure> {
     for file in [&args.record, &args.shot].into_iter().flatten() {
         crate::files::free(file, global)?;
     }
-    let stop = stop_on_signals()?;
-    // What is refused is refused before a page says that there is something to see.
+    // What is refused is refused before a page says that there is something to see. Ctrl-C ends this at once.
     let what = What::of(args, global.overwrite)?;
     for file in [&args.record, &args.shot].into_iter().flatten() {
         crate::files::never_over(file, what.read())?;
     }
+    let stop = stop_on_signals()?;
     if let Some(shot) = &args.shot {
         return shot::take(args, what, shot, &stop);
     }

@@ -12,6 +12,7 @@ use super::linearise::{add, dot};
 use super::{
     CorotationalState, CorotationalTissue, CorotationalWorkspace, Linearised, TissueError,
 };
+use crate::work;
 use nalgebra::{Matrix3, UnitQuaternion};
 
 /// Largest out-of-balance force on a free node, over the largest force on any node.
@@ -169,7 +170,11 @@ impl Search<'_> {
     /// Goes from rest to the whole load, in one increment if it can.
     fn run(&mut self) -> Result<(), TissueError> {
         let (mut share, mut increment) = (0.0f64, 1.0f64);
+        work::begin("looking for the tissue's rest under its loads", || {
+            format!("{} nodes", self.tissue.nodes())
+        });
         while share < 1.0 {
+            work::part((1e3 * share) as usize, 1000);
             let next = (share + increment).min(1.0);
             let before = (self.state.clone(), self.lambda.clone());
             let residual = self.balance(next)?;
@@ -191,6 +196,9 @@ impl Search<'_> {
     fn balance(&mut self, share: f64) -> Result<f64, TissueError> {
         let mut left = f64::INFINITY;
         for step in 0..MOST_STEPS {
+            if work::is_stopped() {
+                return Err(TissueError::Stopped);
+            }
             self.tissue.update(&mut self.state, &mut self.workspace);
             left = self.residual(share);
             if step > 0 && (left <= TOLERANCE || !left.is_finite()) {

@@ -6,6 +6,7 @@ use super::super::error::TissueError;
 use super::super::loads::{Equilibrium, Loads};
 use super::{HyperelasticState, HyperelasticTissue, HyperelasticWorkspace, Hyperelasticity};
 use crate::mesh::TetMesh;
+use crate::work;
 use nalgebra::Vector3;
 use sutura_models::hyperelastic::{Hyperelastic, Settings};
 use sutura_models::{BoundaryConditions, Outcome, Tissue};
@@ -48,6 +49,12 @@ impl HyperelasticTissue {
             held: &held,
             force_n: &force_n,
         };
+        work::begin("looking for the tissue's rest under its loads", || {
+            format!("{} nodes", self.nodes())
+        });
+        if work::is_stopped() {
+            return Err(TissueError::Stopped);
+        }
         let done = whole.step(&drive, 0.0);
         if done.outcome != Outcome::Converged {
             return Err(TissueError::NoEquilibrium {

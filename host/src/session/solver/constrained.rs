@@ -10,6 +10,7 @@ use crate::script::{Fall, Path, at_rest, outside};
 use crate::source::tool::MOST_CONTACTS;
 use crate::step::{State, Status, StepOptions, StepReport, Workspace, step, try_step};
 use crate::tool::{Tool, ToolSample};
+use crate::work;
 use crate::wound::Wound;
 use nalgebra::Vector3;
 use std::sync::Arc;
@@ -146,6 +147,9 @@ impl Constrained {
             .collect();
         let to = held.iter().map(|(id, _, pose)| at_rest(*id, pose));
         let to: Vec<ToolSample> = to.collect();
+        work::begin("bringing tools to where they are held", || {
+            format!("{} tools", held.len())
+        });
         let options = StepOptions::default();
         self.step(&from, &options);
         let mut passes = 0;
@@ -167,7 +171,7 @@ impl Constrained {
                 }
                 stuck => return Err(SolveError::NoRest(stuck)),
             }
-            if passes > MOST_PASSES {
+            if passes > MOST_PASSES || work::is_stopped() {
                 return Err(SolveError::NoRest(Status::NotConverged));
             }
         }
