@@ -5,6 +5,7 @@
 use super::command::{FORMAT, First};
 use super::guard::Guard;
 use super::shared::{Next, Shared};
+use super::waiting::Guest;
 use axum::body::Bytes;
 use axum::extract::ws::{CloseFrame, Message, WebSocket};
 use futures_util::stream::{SplitSink, SplitStream};
@@ -42,15 +43,28 @@ const BAD_FORMAT: End = (4406, "this host speaks format 1 of its page: reload it
 const FULL: End = (4429, "there are 8 clients already");
 const FLOOD: End = (4429, "more than 200 messages in a second");
 const TOO_LARGE: End = (1009, "a message of more than 64 kB");
+const NO_FRAME: End = (1002, "what came is no WebSocket frame of a client");
+const NO_TEXT: End = (1007, "a text that is not UTF-8");
 const TOO_SLOW: End = (1013, "nothing could be sent for 2 min");
 const BINARY: End = (1003, "clients speak JSON");
 
 /// Serves a client until either side ends it.
-pub async fn serve(socket: WebSocket, peer: SocketAddr, shared: Arc<Shared>, guard: Arc<Guard>) {
+pub async fn serve(
+    socket: WebSocket,
+    peer: SocketAddr,
+    guest: Arc<Guest>,
+    shared: Arc<Shared>,
+    guard: Arc<Guard>,
+) {
     let (mut to, mut from) = socket.split();
-    let end = match begin(&mut from, peer, &shared, &guard).await {
+    let begun = tokio::select! {
+        begun = begin(&mut from, peer, &shared, &guard) => begun,
+        () = guest.dismissed() => return,
+    };
+    let end = match begun {
         Err(end) => end,
         Ok((id, wake)) => {
+            guest.has_key();
             let end = tokio::select! {
                 end = hear(&mut from, id, &shared) => end,
                 end = show(&mut to, id, &wake, &shared) => end,
@@ -80,7 +94,7 @@ async fn begin(
     };
     let text = match message {
         Some(Ok(Message::Text(text))) => text,
-        Some(Err(_)) => return Err(Some(TOO_LARGE)),
+        Some(Err(error)) => return Err(bad_frame(error)),
         Some(Ok(Message::Close(_))) | None => return Err(None),
         Some(Ok(_)) => return Err(Some(BAD_FIRST)),
     };
@@ -93,6 +107,18 @@ async fn begin(
     }
     let joined = shared.join(first.control, guard.may_control(peer));
     joined.ok_or(Some(FULL))
+}
+
+/// The end of a client whose bytes are no message; none if the connection broke.
+fn bad_frame(error: axum::Error) -> Option<End> {
+    use tungstenite::Error;
+    let error = error.into_inner();
+    match error.downcast_ref::<Error>() {
+        Some(Error::Capacity(_)) => Some(TOO_LARGE),
+        Some(Error::Utf8(_)) => Some(NO_TEXT),
+        Some(Error::Protocol(_)) => Some(NO_FRAME),
+        _ => None,
+    }
 }
 
 /// What a client says.
@@ -111,8 +137,7 @@ async fn hear(from: &mut SplitStream<WebSocket>, id: u64, shared: &Arc<Shared>) 
             Ok(Message::Ping(_) | Message::Pong(_)) => {}
             Ok(Message::Binary(_)) => return Some(BINARY),
             Ok(Message::Close(_)) => return None,
-            // Beyond the limit, or no message at all.
-            Err(_) => return Some(TOO_LARGE),
+            Err(error) => return bad_frame(error),
         }
     }
     None

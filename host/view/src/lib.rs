@@ -10,10 +10,12 @@ mod guard;
 mod notes;
 mod server;
 mod shared;
+mod waiting;
 
 pub use client::{MOST_A_SECOND, MOST_BYTES};
 pub use command::{Command, First, Hand, Refused, SetTo};
 pub use files::{FILES, File};
-pub use notes::{Noted, noted};
+pub use notes::{Noted, Redirect, noted};
 pub use server::{Options, PORT, Server, ViewError};
 pub use shared::{Beginning, Figures, Next, Reply, Request, Shared, Wants};
+pub use waiting::MOST_WAITING;

@@ -3,6 +3,7 @@
 //! Entry points: [`note`], written by a server and removed at its end; [`noted`] for who looks for one. The files are
 //! `sutura/session-PORT.json` in `$XDG_RUNTIME_DIR`; where that is not set there are none.
 
+use super::guard::new_key;
 use serde_json::{Value, json};
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
@@ -67,9 +68,48 @@ fn read(path: &Path) -> Option<Noted> {
     })
 }
 
+/// A file that leads a browser to an address with a key. Everybody on a machine can read command lines; this file is for its user
+/// alone. Removed when dropped.
+#[derive(Debug)]
+pub struct Redirect(PathBuf);
+
+impl Redirect {
+    /// Writes one, beside the notes or in the system's folder for temporary files.
+    ///
+    /// # Errors
+    /// The file cannot be written; there is no random name.
+    pub fn to(url: &str) -> io::Result<Self> {
+        let place = folder().filter(|folder| std::fs::create_dir_all(folder).is_ok());
+        let name = new_key().map_err(io::Error::other)?;
+        let place = place.unwrap_or_else(std::env::temp_dir);
+        let path = place.join(format!("sutura-{name}.html"));
+        let url = url
+            .replace('&', "&amp;")
+            .replace('"', "&quot;")
+            .replace('<', "&lt;");
+        let text = format!(
+            "<!doctype html><meta charset=\"utf-8\"><title>Sutura</title><meta name=\"referrer\" content=\"no-referrer\">\
+             <meta http-equiv=\"refresh\" content=\"0; url={url}\"><a href=\"{url}\">Sutura</a>\n"
+        );
+        write_for_me(&path, &text)?;
+        Ok(Self(path))
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.0
+    }
+}
+
+impl Drop for Redirect {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
 fn write_for_me(path: &Path, text: &str) -> io::Result<()> {
     let mut options = std::fs::OpenOptions::new();
-    options.write(true).create(true).truncate(true);
+    options.write(true).create_new(true);
     #[cfg(unix)]
     {
         use std::os::unix::fs::OpenOptionsExt as _;
@@ -78,4 +118,29 @@ fn write_for_me(path: &Path, text: &str) -> io::Result<()> {
     // One that is there may have other rights.
     let _ = std::fs::remove_file(path);
     io::Write::write_all(&mut options.open(path)?, text.as_bytes())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The address stands in a file that others cannot read, and that is gone with its owner.
+    #[test]
+    fn a_redirect_is_its_users_alone() {
+        let url = "http://127.0.0.1:8421/#key=0123&view=\"";
+        let redirect = Redirect::to(url).expect("a file");
+        let path = redirect.path().to_owned();
+        let text = std::fs::read_to_string(&path).expect("it is there");
+        let expected = "url=http://127.0.0.1:8421/#key=0123&amp;view=&quot;\"";
+        assert!(text.contains(expected), "{text}");
+        assert!(!path.to_string_lossy().contains("0123"), "{path:?}");
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt as _;
+            let mode = std::fs::metadata(&path).expect("it is there").permissions();
+            assert_eq!(mode.mode() & 0o777, 0o600);
+        }
+        drop(redirect);
+        assert!(!path.exists());
+    }
 }

@@ -7,13 +7,17 @@ use super::files::find;
 use super::guard::{Guard, headers, new_key};
 use super::notes::note;
 use super::shared::{Request, Shared};
+use super::waiting::{Guest, HEADER_WITHIN, Waiting};
+use axum::Extension;
 use axum::Router;
-use axum::extract::{ConnectInfo, Request as HttpRequest, State, WebSocketUpgrade};
+use axum::extract::{Request as HttpRequest, State, WebSocketUpgrade};
 use axum::http::{HeaderMap, Method, StatusCode, header};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse as _, Response};
 use axum::routing::any;
-use axum::serve::ListenerExt as _;
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
 use std::path::PathBuf;
@@ -27,6 +31,8 @@ use tokio::sync::oneshot;
 pub const PORT: u16 = 8421;
 /// How many ports are tried.
 const TRIES: u16 = 10;
+/// Pause where the system has no more connections to give.
+const PAUSE: Duration = Duration::from_millis(100);
 /// How long clients may take to hear that it is over.
 const ENDS_WITHIN: Duration = Duration::from_millis(500);
 
@@ -145,17 +151,11 @@ impl Server {
         let thread = thread.spawn(move || {
             let served = runtime.block_on(async {
                 let listener = tokio::net::TcpListener::from_std(listener)?;
-                // An answer does not wait until the client has said that it has what came before.
-                let listener = listener.tap_io(|stream| {
-                    if let Err(error) = stream.set_nodelay(true) {
-                        tracing::debug!("answers may wait for each other: {error}");
-                    }
-                });
-                let router = router(served).into_make_service_with_connect_info::<SocketAddr>();
                 tokio::select! {
-                    ended = axum::serve(listener, router) => ended,
-                    _ = stopped => Ok(()),
+                    () = accept(listener, router(served)) => {}
+                    _ = stopped => {}
                 }
+                io::Result::Ok(())
             });
             if let Err(error) = served {
                 tracing::error!("the page is no longer served: {error}");
@@ -232,6 +232,53 @@ fn listen(options: &Options) -> Result<TcpListener, ViewError> {
     })
 }
 
+/// Who is at the other end of a connection.
+#[derive(Clone)]
+struct Peer {
+    address: SocketAddr,
+    guest: Arc<Guest>,
+}
+
+/// Takes connections for ever.
+async fn accept(listener: tokio::net::TcpListener, router: Router) {
+    let waiting = Arc::new(Waiting::default());
+    loop {
+        let (stream, address) = match listener.accept().await {
+            Ok(accepted) => accepted,
+            Err(error) => {
+                tracing::debug!("a connection was not taken: {error}");
+                tokio::time::sleep(PAUSE).await;
+                continue;
+            }
+        };
+        // An answer does not wait until the client has said that it has what came before.
+        if let Err(error) = stream.set_nodelay(true) {
+            tracing::debug!("answers may wait for each other: {error}");
+        }
+        let guest = Arc::new(waiting.enter());
+        let peer = Peer { address, guest };
+        tokio::spawn(converse(stream, router.clone(), peer));
+    }
+}
+
+/// Answers a connection's requests until it ends, is idle for too long, or has to go for another one. A socket goes on by itself.
+async fn converse(stream: tokio::net::TcpStream, router: Router, peer: Peer) {
+    let guest = peer.guest.clone();
+    let service = TowerToHyperService::new(router.layer(Extension(peer)));
+    let connection = http1::Builder::new()
+        .timer(TokioTimer::new())
+        .header_read_timeout(HEADER_WITHIN)
+        .serve_connection(TokioIo::new(stream), service)
+        .with_upgrades();
+    tokio::select! {
+        ended = connection => if let Err(error) = ended {
+            tracing::debug!("a connection ended: {error}");
+        },
+        () = guest.dismissed() => {}
+        () = guest.idle() => {}
+    }
+}
+
 fn router(served: Served) -> Router {
     Router::new()
         .route("/ws", any(socket))
@@ -241,12 +288,19 @@ fn router(served: Served) -> Router {
 }
 
 /// Refuses what is for another name, and says to browsers what all answers say.
-async fn guarded(State(served): State<Served>, request: HttpRequest, next: Next) -> Response {
+async fn guarded(
+    State(served): State<Served>,
+    Extension(Peer { guest, .. }): Extension<Peer>,
+    request: HttpRequest,
+    next: Next,
+) -> Response {
+    guest.asks();
     let mut response = match served.guard.host(request.headers()) {
         Ok(()) => next.run(request).await,
         Err(code) => code.into_response(),
     };
     response.headers_mut().extend(headers());
+    guest.is_answered();
     response
 }
 
@@ -262,7 +316,7 @@ async fn file(request: HttpRequest) -> Response {
 
 async fn socket(
     State(served): State<Served>,
-    ConnectInfo(peer): ConnectInfo<SocketAddr>,
+    Extension(peer): Extension<Peer>,
     headers: HeaderMap,
     upgrade: Result<WebSocketUpgrade, axum::extract::ws::rejection::WebSocketUpgradeRejection>,
 ) -> Response {
@@ -273,7 +327,15 @@ async fn socket(
         Ok(upgrade) => upgrade
             .max_message_size(MOST_BYTES)
             .max_frame_size(MOST_BYTES)
-            .on_upgrade(move |socket| serve(socket, peer, served.shared, served.guard)),
+            .on_upgrade(move |socket| {
+                serve(
+                    socket,
+                    peer.address,
+                    peer.guest,
+                    served.shared,
+                    served.guard,
+                )
+            }),
         Err(rejection) => rejection.into_response(),
     }
 }

@@ -138,9 +138,12 @@ pub enum Next {
 struct Client {
     wake: Arc<Notify>,
     may_control: bool,
-    /// What it has of the session; `None`: not even its beginning.
-    session: Option<u64>,
-    has_geometry: bool,
+    /// What it has of the session; `None`: it has to be greeted.
+    version: Option<u64>,
+    /// Of which session it knows the beginning; 0: of none.
+    session: u32,
+    /// Of which session it has the geometry; 0: of none.
+    geometry: u32,
     answers: VecDeque<String>,
     /// Next text and next block.
     text: u64,
@@ -359,8 +362,9 @@ impl Shared {
         let client = Client {
             wake: wake.clone(),
             may_control,
-            session: None,
-            has_geometry: false,
+            version: None,
+            session: 0,
+            geometry: 0,
             answers: VecDeque::new(),
             text: state.first_text + state.texts.len() as u64,
             block: recent.max(state.first_block),
@@ -423,9 +427,13 @@ impl Shared {
                 );
             }
             Command::TakeControl => {
-                state.controller = Some(client);
-                drop(state);
-                self.say_again();
+                let before = state.controller.replace(client);
+                if before != Some(client) {
+                    // The others' roles stay.
+                    for id in before.into_iter().chain([client]) {
+                        state.greet_again(id);
+                    }
+                }
                 return ok();
             }
             _ => {}
@@ -527,6 +535,13 @@ impl State {
             .for_each(|client| client.wake.notify_one());
     }
 
+    fn greet_again(&mut self, id: u64) {
+        if let Some(client) = self.clients.get_mut(&id) {
+            client.version = None;
+            client.wake.notify_one();
+        }
+    }
+
     fn wants(&self) -> Wants {
         let rates = self.clients.values().map(|client| client.picture_hz);
         Wants {
@@ -575,13 +590,15 @@ impl State {
         if !began {
             return None;
         }
-        if client.session != Some(version) {
-            (client.session, client.has_geometry) = (Some(version), false);
-            client.picture = 0;
-            client.underway.clear();
+        if client.version != Some(version) {
+            client.version = Some(version);
+            if std::mem::replace(&mut client.session, self.session) != self.session {
+                client.picture = 0;
+                client.underway.clear();
+            }
             return Some(Next::Text(self.hello(id)));
         }
-        if !std::mem::replace(&mut client.has_geometry, true)
+        if std::mem::replace(&mut client.geometry, self.session) != self.session
             && let Some(geometry) = &self.beginning.geometry
         {
             return Some(Next::Binary(geometry.as_slice().into()));

@@ -5,6 +5,7 @@ use serde_json::json;
 use std::time::Duration;
 use sutura_view::{Beginning, Command, Server};
 use tokio::time::sleep;
+use tokio_tungstenite::tungstenite::Message;
 
 fn sequence(picture: &[u8]) -> u32 {
     u32::from_le_bytes(picture[4..8].try_into().expect("a header"))
@@ -197,6 +198,58 @@ fn one_client_controls_and_safe_stop_is_for_all() {
         drop(asked.recv_timeout(SOON).expect("a request"));
         let answer = third.ask(json!({"id": 6, "do": "ack"})).await;
         assert!(answer["error"].is_object(), "{answer}");
+    });
+}
+
+/// Who takes the controls costs the others nothing: two clients hear of it, and nobody gets the geometry again.
+#[test]
+fn roles_change_without_the_geometry() {
+    let (server, _asked) = server();
+    begin(&server, &["pause"]);
+    server.shared().picture(picture(1, 100));
+    run(async {
+        let mut clients = Vec::new();
+        for _ in 0..3 {
+            let mut client = page(&server).await;
+            client.greet(&server, true).await;
+            client.binary(1).await;
+            client.binary(2).await;
+            clients.push(client);
+        }
+        // Kinds of what comes up to the answer of a command.
+        async fn kinds(client: &mut Client, id: u64) -> Vec<String> {
+            client
+                .say(json!({"id": id, "do": "picture_hz", "hz": 30}).to_string())
+                .await;
+            let mut kinds = Vec::new();
+            loop {
+                match client.message().await.expect("still open") {
+                    Message::Text(text) => {
+                        let value: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+                        if value["re"] == id {
+                            return kinds;
+                        }
+                        kinds.push(value["kind"].to_string());
+                    }
+                    Message::Binary(bytes) => kinds.push(bytes[0].to_string()),
+                    _ => {}
+                }
+            }
+        }
+        for round in 0..4 {
+            let answer = clients[1].ask(json!({"id": 1, "do": "take_control"})).await;
+            assert_eq!(answer["ok"], true);
+            for (at, client) in clients.iter_mut().enumerate() {
+                let expected: &[&str] = match (round, at) {
+                    (0, 0 | 1) => &["\"hello\""],
+                    _ => &[],
+                };
+                // An answer goes before what waits.
+                let mut came = kinds(client, 10).await;
+                came.extend(kinds(client, 11).await);
+                assert_eq!(came, expected, "round {round}, client {at}");
+            }
+        }
     });
 }
 

@@ -5,6 +5,7 @@ use serde_json::json;
 use std::io::{Read as _, Write as _};
 use std::net::{SocketAddr, TcpStream};
 use sutura_view::{FILES, MOST_BYTES, Options, Server};
+use tokio_tungstenite::tungstenite::Message;
 
 /// Status, headers in small letters, and body of the answer to a request.
 fn answer(address: SocketAddr, request: &str) -> (u16, String, Vec<u8>) {
@@ -235,8 +236,7 @@ fn a_flood_and_too_large_a_message_end_the_connection() {
         client.greet(&server, true).await;
         for _ in 0..400 {
             // It may be closed before all of them are said.
-            let text =
-                tokio_tungstenite::tungstenite::Message::text("{\"do\":\"ack\",\"sequence\":1}");
+            let text = Message::text("{\"do\":\"ack\",\"sequence\":1}");
             if futures_util::SinkExt::send(&mut client.socket, text)
                 .await
                 .is_err()

@@ -2,6 +2,7 @@
 
 mod clients;
 mod commands;
+mod connections;
 mod format;
 mod guard;
 mod pictures;

@@ -7,13 +7,15 @@ use crate::failure::{Cause, Failure};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, channel};
-use sutura_view::{Options, Request, Server, Shared};
+use sutura_view::{Options, Redirect, Request, Server, Shared};
 
 /// What is shown, who serves it if anybody does, and what clients ask for.
 pub struct Page {
     shared: Arc<Shared>,
     server: Option<Server>,
     asked: Option<Receiver<Request>>,
+    /// What a browser was told to open; it may read that late.
+    _redirect: Option<Redirect>,
 }
 
 impl Page {
@@ -43,10 +45,9 @@ impl Page {
                 "the page is reached from other machines, and what goes to and from it is not encrypted"
             );
         }
-        if args.open {
-            browse(&url);
-        }
+        let redirect = args.open.then(|| browse(&url)).flatten();
         Ok(Page {
+            _redirect: redirect,
             shared: server.shared().clone(),
             server: Some(server),
             asked: Some(asked),
@@ -60,6 +61,7 @@ impl Page {
             shared: Shared::new(requests),
             server: None,
             asked: Some(asked),
+            _redirect: None,
         }
     }
 
@@ -85,8 +87,15 @@ impl Page {
     }
 }
 
-/// Opens an address in the user's browser, if there is one.
-fn browse(url: &str) {
+/// Opens an address in the user's browser, if there is one. It has a key, so that a file leads there, and not a command line.
+fn browse(url: &str) -> Option<Redirect> {
+    let redirect = match Redirect::to(url) {
+        Ok(redirect) => redirect,
+        Err(error) => {
+            note!("no browser was opened, there is no file to lead it to the page: {error}");
+            return None;
+        }
+    };
     let program = if cfg!(target_os = "macos") {
         "open"
     } else if cfg!(windows) {
@@ -95,7 +104,7 @@ fn browse(url: &str) {
         "xdg-open"
     };
     let opened = Command::new(program)
-        .arg(url)
+        .arg(redirect.path())
         .stdin(Stdio::null())
         .stdout(Stdio::null())
         .stderr(Stdio::null())
@@ -103,4 +112,5 @@ fn browse(url: &str) {
     if let Err(error) = opened {
         note!("no browser was opened, `{program}` does not run: {error}");
     }
+    Some(redirect)
 }
