@@ -414,6 +414,7 @@ fn a_solve_that_cannot_be_sent_is_withheld_and_counted() {
         let line = Line::Once {
             port: console.host_port().unwrap(),
             attendant: None,
+            limits: None,
         };
         let mut solver = NoNumber::default();
         let ran = run_real_time(line, patient(), &plan, &mut solver, |_| {
@@ -482,6 +483,7 @@ fn a_console_that_let_go_is_armed_again() {
         let line = Line::Once {
             port: console.host_port().unwrap(),
             attendant: Some(Box::new(Keeper(waits.clone()))),
+            limits: None,
         };
         let told = waits.clone();
         let ran = run_real_time(line, patient(), &plan, &mut Withheld::default(), |_| {

@@ -3,6 +3,7 @@
 //! Entry point: [`NativeConsole::new`]. Bit for bit what [`QemuConsole`](crate::QemuConsole) does.
 
 use sutura_host::link::{LinkError, LockstepConsole};
+use sutura_shared::control::TicksLimited;
 use sutura_shared::device::{DeviceDescription, DeviceError};
 use sutura_shared::simulated_console::{Pace, SimulatedConsole, Without};
 
@@ -55,6 +56,10 @@ impl LockstepConsole for NativeConsole {
 
     fn overran(&mut self) {
         self.pace.overrun = true;
+    }
+
+    fn ticks_limited(&self) -> Option<TicksLimited> {
+        Some(self.console.control().ticks_limited())
     }
 
     fn name(&self) -> &str {

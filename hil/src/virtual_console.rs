@@ -5,13 +5,15 @@
 //! time keeps step with the wall clock.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 #[cfg(unix)]
 use sutura_host::link::open_serial;
 use sutura_host::link::{LinkError, PipeEnd, Port, nonce};
 use sutura_host::scheduling::{Duty, Granted, Role};
+use sutura_host::session::ConsoleLimits;
+use sutura_shared::control::TicksLimited;
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::simulated_console::{Pace, SimulatedConsole, Without};
 
@@ -28,6 +30,7 @@ pub struct VirtualConsole {
     host_end: HostEnd,
     stop: Arc<AtomicBool>,
     granted: Arc<OnceLock<Granted>>,
+    limited: Arc<Mutex<TicksLimited>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -77,19 +80,22 @@ impl VirtualConsole {
         let stopped = stop.clone();
         let granted = Arc::new(OnceLock::new());
         let asked = granted.clone();
+        let limited = Arc::new(Mutex::new(TicksLimited::default()));
+        let counted = limited.clone();
         let thread = std::thread::Builder::new()
             .name("sutura-console".to_owned())
             .spawn(move || {
                 let duty = Duty::begin(Role::Console);
                 // Nobody else sets it.
                 let _ = asked.set(duty.granted());
-                run(console, port, &stopped, Some(duty));
+                run(console, port, &stopped, Some((duty, &counted)));
             })
             .map_err(|error| unusable(&error.to_string()))?;
         Ok(VirtualConsole {
             host_end,
             stop,
             granted,
+            limited,
             thread: Some(thread),
         })
     }
@@ -97,6 +103,12 @@ impl VirtualConsole {
     /// What its thread got of the system.
     pub fn granted(&self) -> Granted {
         self.granted.get().copied().unwrap_or_default()
+    }
+
+    /// Counts, for a session, the ticks in which a limit of the device took a part of the force away.
+    pub fn limits(&self) -> ConsoleLimits {
+        let limited = self.limited.clone();
+        Box::new(move || *limited.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// The path that a host opens; none on systems without pseudo-terminals.
@@ -178,7 +190,7 @@ fn run(
     mut console: SimulatedConsole,
     mut port: Box<dyn Port>,
     stop: &AtomicBool,
-    mut duty: Option<Duty>,
+    mut own: Option<(Duty, &Mutex<TicksLimited>)>,
 ) {
     let period = Duration::from_secs(1) / u32::from(console.tick_hz());
     let mut chunk = [0; CHUNK];
@@ -186,7 +198,9 @@ fn run(
     let mut pace = Pace::default();
     let mut due = Instant::now() + period;
     while !stop.load(Ordering::Relaxed) {
-        duty.as_mut().map(Duty::look);
+        if let Some((duty, _)) = &mut own {
+            duty.look();
+        }
         let now = Instant::now();
         if let Some(early) = due.checked_duration_since(now) {
             std::thread::sleep(early);
@@ -200,6 +214,10 @@ fn run(
             console.feed(&chunk[..count]);
         }
         console.tick(pace);
+        // Who reads it does so seldom; then the next tick says it.
+        if let Some(Ok(mut limited)) = own.as_ref().map(|(_, limited)| limited.try_lock()) {
+            *limited = console.control().ticks_limited();
+        }
         fresh.clear();
         console.wait(micros(due.elapsed()));
         console.drain(&mut fresh);

@@ -16,7 +16,8 @@ use sutura_host::recording::{
 };
 use sutura_host::scene::{self, LONGEST_S, Tissue};
 use sutura_host::session::{
-    Plan, Progress, Rendering, SceneSolver, Solve, Summary, check_rate, run_lockstep, run_real_time,
+    Line, Plan, Progress, Rendering, SceneSolver, Solve, Summary, check_rate, run_lockstep,
+    run_real_time,
 };
 use sutura_shared::control::TICK_HZ;
 
@@ -95,8 +96,10 @@ fn in_real_time(
         ..LinkOptions::default()
     };
     let mut simulated = None;
+    let mut limits = None;
     let port = if name == "virtual" {
         let console = VirtualConsole::start_in_memory(&plan.device).map_err(link)?;
+        limits = Some(console.limits());
         simulated.insert(console).host_port().map_err(link)?
     } else {
         let mut port = open_serial(name).map_err(link)?;
@@ -106,7 +109,12 @@ fn in_real_time(
         port
     };
     let port: Box<dyn Port> = Box::new(TappedPort::new(port, tap.clone()));
-    run_real_time(port, options, plan, solver, watch).map_err(|error| error::of_session(&error))
+    let line = Line::Once {
+        port,
+        attendant: None,
+        limits,
+    };
+    run_real_time(line, options, plan, solver, watch).map_err(|error| error::of_session(&error))
 }
 
 /// The session that a scene asks for, but for what is given.

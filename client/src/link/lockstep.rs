@@ -4,6 +4,7 @@
 //! of the same session give the same bits, in this process and under an emulator.
 
 use super::LinkError;
+use sutura_shared::control::TicksLimited;
 
 /// One control tick at a time, in step with the caller.
 pub trait LockstepConsole {
@@ -17,6 +18,12 @@ pub trait LockstepConsole {
     /// Has the next tick find that the one before took longer than its period, as a console that keeps time may: for replays.
     /// Does nothing where that cannot be said.
     fn overran(&mut self) {}
+
+    /// Ticks of the session in which a limit of the device took a part of the force away; none where the console cannot be
+    /// asked.
+    fn ticks_limited(&self) -> Option<TicksLimited> {
+        None
+    }
 
     /// What the user calls it.
     fn name(&self) -> &str;

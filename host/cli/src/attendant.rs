@@ -136,6 +136,11 @@ impl Attendant for Operator {
         note!("the console has let go, since no contact came in time for half a second: {next}");
     }
 
+    fn stopped(&mut self, person: &str) {
+        self.listen();
+        note!("safe stop by {person}: the console rests until somebody arms it");
+    }
+
     fn arms(&mut self) -> Arms {
         let came = |lines: &Arc<Lines>| lines.came.swap(false, Ordering::Relaxed);
         match &self.lines {

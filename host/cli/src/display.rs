@@ -10,7 +10,7 @@ use serde::Serialize;
 use std::fmt::{Arguments, Write as _};
 use std::io::{self, IsTerminal, Write as _};
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use sutura_host::session::{GivenUp, Progress, Summary, mode_word};
+use sutura_host::session::{GivenUp, LimitedTicks, Progress, SafeStop, Summary, mode_word};
 use sutura_host::text::{escaped, escaped_json};
 
 /// Lines that are kept while the terminal is drawn on: those that are new, and all that have not been printed.
@@ -304,6 +304,12 @@ pub fn table(summary: &Summary) -> String {
             s.horizon_ms.max
         ),
     );
+    if let Some(text) = limited(&s.ticks_limited) {
+        row("limited", text);
+    }
+    for SafeStop { at_s, by } in &s.safe_stops {
+        row("stopped", format!("at {at_s:.2} s by {by}"));
+    }
     if s.needle_waited_steps > 0 {
         row(
             "needle",
@@ -317,9 +323,10 @@ pub fn table(summary: &Summary) -> String {
         row(
             "behind",
             format!(
-                "in {} steps the hands were faster than a step follows, and the tissue lagged by {:.1} mm at most",
+                "in {} steps the hands were faster than a step follows, and the tissue lagged by {:.1} mm at most; in {} by more than it touched",
                 s.steps_behind,
-                1e3 * s.most_lag_m
+                1e3 * s.most_lag_m,
+                s.steps_outrun
             ),
         );
     }
@@ -367,7 +374,10 @@ pub fn table(summary: &Summary) -> String {
     row("stages", format!("{} us, on average", stages.join(", ")));
     row(
         "force",
-        format!("peak {:.3} N, rms {:.3} N", s.force_n.peak, s.force_n.rms),
+        format!(
+            "peak {:.3} N, rms {:.3} N; steps found up to {:.3} N",
+            s.force_n.peak, s.force_n.rms, s.force_n.solved_peak
+        ),
     );
     row("energy", format!("min {:.6} J", s.energy_j.min));
     let needles = s.scene.get("needles").and_then(|list| list.as_array());
@@ -534,6 +544,23 @@ fn added(summary: &Summary) -> Vec<(&str, String)> {
         (name.as_str(), values.collect::<Vec<_>>().join(", "))
     });
     said.collect()
+}
+
+/// What the device's limits took away, if anything.
+pub fn limited(ticks: &LimitedTicks) -> Option<String> {
+    let counts = [
+        ("force", Some(ticks.force)),
+        ("power", ticks.power),
+        ("speed", ticks.speed),
+        ("slew", ticks.slew),
+    ];
+    let counts = counts
+        .into_iter()
+        .filter_map(|(name, count)| Some((name, count.filter(|count| *count > 0)?)));
+    let said: Vec<String> = counts
+        .map(|(name, count)| format!("{name} in {count} ticks"))
+        .collect();
+    (!said.is_empty()).then(|| said.join(", "))
 }
 
 fn withheld(summary: &Summary) -> String {

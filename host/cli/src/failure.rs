@@ -25,7 +25,7 @@ pub enum Cause {
     Diverged = 6,
     /// A budget that the user stated was missed.
     Budget = 7,
-    /// A session whose contact was not felt.
+    /// A session whose forces cannot be trusted.
     NotRendered = 8,
     /// Ctrl-C or a `kill` before a table was whole, or a second one: as shells have it.
     Interrupted = 130,
@@ -63,8 +63,10 @@ impl Cause {
             Cause::Diverged => "a replay took another course than its recording",
             Cause::Budget => "a budget that you stated was missed",
             Cause::NotRendered => {
-                "a session whose contact was not felt: steps found a force and none was rendered, or more than a fifth of \
-                 the steps in contact were withheld or not balanced, once those are a quarter of a second's"
+                "a session whose forces cannot be trusted: steps found a force and none was rendered, or more than a fifth of \
+                 the steps in contact were withheld, not balanced, or behind the hand by more than they touched, once those \
+                 are a quarter of a second's; a tool was inside the tissue; a force was felt and no step found a contact; the \
+                 tool touched and the largest force is below 5 mN"
             }
             Cause::Interrupted => {
                 "by Ctrl-C or `kill` before a table was whole: it has what there was by then; of other commands one before a console's first state, or a second Ctrl-C"

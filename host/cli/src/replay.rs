@@ -172,6 +172,9 @@ fn text(
         of_console += &format!("; the line lost {} frames", console.lost_frames);
     }
     lines.push(of_console);
+    if let Some(limited) = console.ticks_limited.as_ref().and_then(display::limited) {
+        lines.push(format!("  limited    {limited}"));
+    }
     let of_bits = match (host.identical, about.same_bits(here)) {
         (true, _) => "to the bit".to_owned(),
         (false, true) => "but for bits".to_owned(),

@@ -28,7 +28,7 @@ use sutura_host::picture::Showing;
 use sutura_host::recording::{Tap, TappedConsole, TappedPort, TappedSolver};
 use sutura_host::scene::{LONGEST_S, Scene, Tissue, host_hz};
 use sutura_host::session::{
-    self, Attendant, Line, NOT_RENDERED, Plan, PlanError, Progress, SceneSolver, Scheduling,
+    self, Attendant, EndingKind, Line, Plan, PlanError, Progress, SceneSolver, Scheduling,
     SessionError, Solve, Summary, check_rate, run_lockstep, run_real_time,
 };
 use sutura_shared::control::TICK_HZ;
@@ -469,6 +469,7 @@ fn session(
             let line = Line::Once {
                 port: tapped(console.host_port().map_err(link_failure)?, tap),
                 attendant: Some(operator),
+                limits: Some(console.limits()),
             };
             let options = options();
             let summary = in_real_time(line, "virtual", options, plan, solver, progress)?;
@@ -661,41 +662,21 @@ fn said_of(summary: Summary, verdict: &Result<(), Failure>) -> Summary {
 
 /// Whether a session that ran to its end is a success.
 fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
-    if summary.mode == "fault" {
-        let message = format!(
-            "the console is in a latched fault: {}",
-            summary.faults.join(", ")
-        );
-        let help = "remove the cause, then run again with --clear-fault";
-        return Err(Failure::say(Cause::Fault, message, help).after_summary());
-    }
-    if let Some(why) = summary.status.strip_prefix(NOT_RENDERED) {
-        let message = format!("what was touched was not felt{why}");
-        let help = help_for_withheld(summary.mostly_withheld());
-        return Err(Failure::say(Cause::NotRendered, message, help).after_summary());
-    }
-    if summary.mode == "idle" && summary.link.sessions > 1 {
-        let message = "the console was lost, came back, and was not armed again";
-        let help = match is_virtual(&args.console) {
-            true => VIRTUAL_HELP,
-            false => {
-                "check its cable and its power; --rearm arms a console that came back by itself"
-            }
-        };
-        return Err(Failure::say(Cause::Failed, message, help).after_summary());
-    }
-    if summary.mode == "idle" {
-        let message = "the console let go: no contact that it could use came for half a second";
-        let help = match withheld_for_long(summary) {
-            Some((why, steps)) => format!(
-                "the last {steps} steps were withheld ({why}): {}",
-                help_for_withheld(Some(why))
-            ),
-            None => {
-                "the host was late for that long: see `session_us` and `machine_late_us`, `sutura doctor` says what this machine can do; --rearm arms the console again".to_owned()
-            }
-        };
-        return Err(Failure::say(Cause::Failed, message, help).after_summary());
+    let why = &summary.ending.why;
+    match summary.ending.kind {
+        EndingKind::Fault => {
+            let message = format!("the console is in a latched fault: {why}");
+            let help = "remove the cause, then run again with --clear-fault";
+            return Err(Failure::say(Cause::Fault, message, help).after_summary());
+        }
+        kind if kind.is_untrusted() => {
+            let (message, help) = distrust(kind, summary);
+            return Err(Failure::say(Cause::NotRendered, message, help).after_summary());
+        }
+        EndingKind::Idle => return Err(let_go(args, summary).after_summary()),
+        EndingKind::Limited => note!("limited: {why}; {LIMITED_HELP}"),
+        EndingKind::Stopped => note!("stopped: {why}"),
+        _ => {}
     }
     if summary.contact_steps == 0 {
         note!("nothing was touched");
@@ -711,6 +692,56 @@ fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
         return Err(Failure::say(Cause::Budget, message, help).after_summary());
     }
     Ok(())
+}
+
+/// Next step of a session whose force the device cut off.
+const LIMITED_HELP: &str =
+    "`ticks_limited` counts the ticks by limit; press less deep, or take a device with more force";
+
+/// What is wrong with a session whose forces cannot be trusted, and what to do.
+fn distrust(kind: EndingKind, summary: &Summary) -> (String, &'static str) {
+    let why = &summary.ending.why;
+    match kind {
+        EndingKind::Inside => (why.clone(), help_for_withheld(Some("inside"))),
+        EndingKind::Untouched => (
+            why.clone(),
+            "the console felt what steps had foretold, and no step found it: a higher --host-hz, or a tool that is not so thin",
+        ),
+        EndingKind::Behind => (why.clone(), help_for_withheld(Some("behind"))),
+        EndingKind::Faint => (
+            why.clone(),
+            "no finger notices less than 5 mN: is the modulus in Pa? Soft tissue has 1e3 to 1e6",
+        ),
+        _ => (
+            format!("what was touched was not felt: {why}"),
+            help_for_withheld(summary.mostly_withheld()),
+        ),
+    }
+}
+
+/// Why a console rests at the end that nobody stopped.
+fn let_go(args: &RunArgs, summary: &Summary) -> Failure {
+    if summary.link.sessions > 1 {
+        let message = "the console was lost, came back, and was not armed again";
+        let help = match is_virtual(&args.console) {
+            true => VIRTUAL_HELP,
+            false => {
+                "check its cable and its power; --rearm arms a console that came back by itself"
+            }
+        };
+        return Failure::say(Cause::Failed, message, help);
+    }
+    let message = "the console let go: no contact that it could use came for half a second";
+    let help = match withheld_for_long(summary) {
+        Some((why, steps)) => format!(
+            "the last {steps} steps were withheld ({why}): {}",
+            help_for_withheld(Some(why))
+        ),
+        None => {
+            "the host was late for that long: see `session_us` and `machine_late_us`, `sutura doctor` says what this machine can do; --rearm arms the console again".to_owned()
+        }
+    };
+    Failure::say(Cause::Failed, message, help)
 }
 
 /// Why the newest steps were withheld, where that alone made the console let go: half of the time that it waits.

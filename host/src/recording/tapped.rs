@@ -11,7 +11,7 @@ use crate::session::{Effort, Plan, SceneSolver, Solve, Solved, Spared, Tuning};
 use crate::tool::Act;
 use std::io;
 use std::time::{Duration, Instant};
-use sutura_shared::control::TICK_US;
+use sutura_shared::control::{TICK_US, TicksLimited};
 use sutura_shared::wire::Valid;
 use sutura_shared::wire::message::State;
 
@@ -81,6 +81,10 @@ impl LockstepConsole for TappedConsole<'_> {
 
     fn overran(&mut self) {
         self.console.overran();
+    }
+
+    fn ticks_limited(&self) -> Option<TicksLimited> {
+        self.console.ticks_limited()
     }
 
     fn name(&self) -> &str {

@@ -6,8 +6,8 @@
 use super::schedule::Schedule;
 use super::setup::{Arming, ArmingWatch};
 use super::{
-    LinkSummary, Plan, Progress, SessionError, Solve, Statistics, Summary, Throughput, Tuning,
-    Underway,
+    LinkSummary, Plan, Progress, SOMEBODY, SessionError, Solve, Statistics, Summary, Throughput,
+    Tuning, Underway,
 };
 use crate::core_time::core_time;
 use crate::link::{Felt, LinkCounters, LinkError, LockstepConsole, Order, Unusable, append};
@@ -46,6 +46,13 @@ impl Line<'_> {
     fn order(&mut self, order: &Order) -> Result<(), LinkError> {
         let sent = order.append(&mut self.end, self.newest_us, &mut self.down);
         sent.map_err(|source| self.unsendable(source))
+    }
+
+    /// What the console has counted of its limits, if it can be asked.
+    fn count_limits(&self, tally: &mut Statistics) {
+        if let Some(limited) = self.console.ticks_limited() {
+            tally.counted(limited);
+        }
     }
 
     fn unsendable(&self, source: SendError) -> LinkError {
@@ -133,6 +140,11 @@ pub trait Steer {
     /// stands still meanwhile; may end the session.
     fn steer(&mut self, now: &Steered<'_>, orders: &mut Vec<Order>) -> ControlFlow<()>;
 
+    /// Who gave the newest orders, in words for a summary.
+    fn person(&self) -> String {
+        SOMEBODY.to_owned()
+    }
+
     /// What hands do with tools before the next solve.
     fn acts(&mut self) -> Vec<Act> {
         Vec::new()
@@ -193,8 +205,7 @@ pub fn run_steered(
 ) -> Result<Summary, SessionError> {
     let started = Instant::now();
     let mut plan = *plan;
-    let mut tally = Statistics::new(plan.host_hz);
-    tally.horizon.at_least(plan.horizon_us);
+    let mut tally = Statistics::of(&plan);
     let end = HostLink::new(plan.tick_hz);
     let mut line = Line {
         console,
@@ -229,6 +240,7 @@ pub fn run_steered(
                 break;
             }
             for order in orders.drain(..) {
+                tally.order(&order, &steer.person());
                 line.order(&order)?;
             }
             for act in steer.acts() {
@@ -319,6 +331,7 @@ pub fn run_steered(
         }
         if tally.ticks().is_multiple_of(PROGRESS_EVERY) {
             let elapsed_s = tally.ticks() as f64 / f64::from(plan.tick_hz);
+            line.count_limits(&mut tally);
             let note = Progress {
                 elapsed_s,
                 seconds: plan.seconds,
@@ -326,12 +339,14 @@ pub fn run_steered(
                 report: tally.last_report(),
                 link: None,
                 needle_waits: tally.waits(),
+                limited: tally.limited(),
             };
             if progress(&note).is_break() {
                 break;
             }
         }
     }
+    line.count_limits(&mut tally);
     // The console goes to rest, and its counters come in. The tally's last state stays the session's.
     line.order(&Order::Command(Command::Disarm))?;
     let reports = tally.last_report().copied();

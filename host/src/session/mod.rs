@@ -7,12 +7,14 @@
 mod budget;
 mod chosen;
 mod contact_frame;
+mod ending;
 mod error;
 mod fault_words;
 mod heard;
 mod horizon;
 #[cfg(test)]
 mod late_tests;
+mod limited;
 mod lockstep;
 mod look_ahead;
 mod look_budget;
@@ -39,10 +41,12 @@ use crate::tool::Act;
 pub use budget::{LINE_BYTES_PER_S, most_rows, usb_bytes_per_s};
 pub use chosen::{Candidate, Chosen, StepUs};
 pub use contact_frame::{contact_frame, pack_symmetric};
+pub use ending::{Ending, EndingKind};
 pub use error::SolveError;
 pub use fault_words::{fault_names, fault_words};
 pub use heard::{Fate, Underway};
 pub use horizon::Horizon;
+pub use limited::{ConsoleLimits, LimitedTicks};
 pub use lockstep::{Steer, Steered, run_lockstep, run_steered};
 pub use look_budget::Looked;
 pub use machine_lateness::{LatenessProbe, MachineLate, MachineLateness};
@@ -56,10 +60,10 @@ pub use setup::{Plan, PlanError, SessionError, Tuning, check_rate, least_hz};
 pub use sideways::{Goal, sideways};
 pub use solver::{Happened, Moment, SceneSolver, Snapshot};
 pub(crate) use solver::{IN_BALANCE, MOST_PASSES, MOST_STEPS};
-pub use statistics::{NOT_RENDERED, Statistics, UNSENDABLE, mode_word};
+pub use statistics::{Statistics, UNSENDABLE, mode_word};
 pub use summary::{
-    Age, ConsoleClock, Energy, Force, Frames, Latency, LinkSummary, RoundTrip, StepTime, Summary,
-    Throughput, ViewSummary,
+    Age, ConsoleClock, Energy, Force, Frames, Latency, LinkSummary, RoundTrip, SafeStop, StepTime,
+    Summary, Throughput, ViewSummary,
 };
 pub use sutura_client::ahead::reach_m;
 pub use thread_frame::{HeldThread, thread_frame};
@@ -69,6 +73,9 @@ use crate::link::Felt;
 use crate::step::{Stages, Status, ToolContact, ToolRows};
 use sutura_shared::wire::Valid;
 use sutura_shared::wire::message::{Report, State};
+
+/// Person of an order whose giver is not known by name.
+const SOMEBODY: &str = "the user";
 
 /// What a solver step gave.
 #[derive(Clone, Copy, Debug, Default)]
@@ -91,6 +98,10 @@ pub struct Solved {
     pub status: Status,
     /// Whether the driven tool was in contact, also where the result is withheld.
     pub touched: bool,
+    /// Whether it was on tissue or another body rather than at a thread: where nothing is felt then, tissue is too soft.
+    pub presses: bool,
+    /// Whether the tool lagged behind its hand by more than it touched: contact, without tangent and gap, is of where it is.
+    pub outrun: bool,
     /// Withheld because the model did not come near enough to balance for its force to mean anything.
     pub unfinished: bool,
     /// Time per stage.
@@ -170,4 +181,6 @@ pub struct Progress<'a> {
     pub link: Option<LinkSummary>,
     /// Whether the needle in the grip is in tissue that it was not seen to go into, and waits to be outside.
     pub needle_waits: bool,
+    /// Ticks so far in which a limit of the device took a part of the force away.
+    pub limited: LimitedTicks,
 }

@@ -9,7 +9,10 @@ use super::overload::Overload;
 use super::schedule::Schedule;
 use super::setup::{Arming, ArmingWatch};
 use super::summary::{ConsoleClock, LinkSummary, RoundTrip, Throughput};
-use super::{LatenessProbe, Plan, Progress, Scheduling, SessionError, Solve, Statistics, Summary};
+use super::{
+    ConsoleLimits, Ending, EndingKind, LatenessProbe, LimitedTicks, Plan, Progress, SOMEBODY,
+    Scheduling, SessionError, Solve, Statistics, Summary,
+};
 use crate::link::{
     Advance, Connector, Heard, Link, LinkCounters, LinkError, LinkOptions, Order, Port, RoundTrips,
     SentContact, Silence, Standing,
@@ -63,6 +66,14 @@ pub trait Attendant {
     /// `wait`.
     fn let_go(&mut self, _wait: Duration) {}
 
+    /// It rests, since `person` asked for a safe stop.
+    fn stopped(&mut self, _person: &str) {}
+
+    /// Who gave the newest order, in words for a summary.
+    fn person(&self) -> String {
+        SOMEBODY.to_owned()
+    }
+
     /// Whether to arm it now. Asked again and again while it rests.
     fn arms(&mut self) -> Arms;
 
@@ -102,6 +113,8 @@ pub enum Line {
         port: Box<dyn Port>,
         /// Looks after a console that lets go; without, it rests until the end.
         attendant: Option<Box<dyn Attendant>>,
+        /// Asks a console in this process what its limits took away.
+        limits: Option<ConsoleLimits>,
     },
     /// A port that can be opened again.
     Again {
@@ -117,6 +130,7 @@ impl From<Box<dyn Port>> for Line {
         Line::Once {
             port,
             attendant: None,
+            limits: None,
         }
     }
 }
@@ -149,6 +163,7 @@ struct View {
     ticks: u64,
     report: Option<Report>,
     needle_waits: bool,
+    limited: LimitedTicks,
     /// Why the link was lost, until the console is told what it needs to know again.
     lost: Option<LinkError>,
 }
@@ -166,10 +181,8 @@ pub fn run_real_time(
 ) -> Result<Summary, SessionError> {
     let started = Instant::now();
     let silent = SILENT.max(options.silent_after);
-    let mut tally = Statistics::new(plan.host_hz);
-    tally.horizon.at_least(plan.horizon_us);
     let log = Arc::new(Mutex::new(Log {
-        tally,
+        tally: Statistics::of(plan),
         underway: Underway::default(),
         armed: false,
         over: false,
@@ -197,13 +210,18 @@ pub fn run_real_time(
         Heard::Sent(contact) => lock(&written).sent(contact),
         Heard::Reopened(_) => {}
     };
-    let (link, attendant, returns) = match line.into() {
-        Line::Once { port, attendant } => {
-            (Link::open_heard(port, options, hear)?, attendant, false)
+    let (link, attendant, limits, returns) = match line.into() {
+        Line::Once {
+            port,
+            attendant,
+            limits,
+        } => {
+            let link = Link::open_heard(port, options, hear)?;
+            (link, attendant, limits, false)
         }
         Line::Again { connect, attendant } => {
             let link = Link::open_with(connect, options, hear)?;
-            (link, Some(attendant), true)
+            (link, Some(attendant), None, true)
         }
     };
     for order in plan.opening_orders(&link.console())? {
@@ -228,6 +246,7 @@ pub fn run_real_time(
                     log: &log,
                     view: &view,
                     attendant,
+                    limits: limits.as_ref(),
                     returns,
                     arming: Some(ArmingWatch::new(plan)),
                     rest: None,
@@ -255,7 +274,13 @@ pub fn run_real_time(
     let LinkCounters {
         states_superseded, ..
     } = link.counters();
-    lock(&log).over = true;
+    {
+        let mut log = lock(&log);
+        log.over = true;
+        if let Some(limits) = limits {
+            log.tally.counted(limits());
+        }
+    }
     let link_summary = link_summary(&link);
     let (solving, gave_way) = lock(&log).solver;
     let scheduling = Scheduling::new(solving, gave_way, link.granted(), memory.is_some());
@@ -267,7 +292,9 @@ pub fn run_real_time(
     let mut summary = lock(&log).tally.summary(&counters, plan.tick_hz);
     if ended == Ended::AtRest {
         summary.mode = "idle".to_owned();
-        summary.status = "idle: the link was lost, and nobody armed the console again".to_owned();
+        let why = "the link was lost, and nobody armed the console again";
+        summary.ending = Ending::new(EndingKind::Idle, why);
+        summary.status = summary.ending.to_string();
     }
     Ok(Summary {
         console,
@@ -360,6 +387,7 @@ impl Log {
             view.ticks = self.tally.ticks();
             view.report = self.tally.last_report().copied();
             view.needle_waits = self.tally.waits();
+            view.limited = self.tally.limited();
         }
     }
 
@@ -517,6 +545,7 @@ struct Watch<'a> {
     log: &'a Mutex<Log>,
     view: &'a Mutex<View>,
     attendant: Option<Box<dyn Attendant>>,
+    limits: Option<&'a ConsoleLimits>,
     /// Whether a console that goes away may come back.
     returns: bool,
     /// While the console should arm.
@@ -577,6 +606,7 @@ impl Watch<'_> {
             match &mut self.attendant {
                 Some(attendant) => {
                     if let Some(order) = attendant.wait(wait) {
+                        lock(self.log).tally.order(&order, &attendant.person());
                         self.link.order(order)?;
                     }
                     let acts = attendant.acts();
@@ -600,6 +630,7 @@ impl Watch<'_> {
                 ticks,
                 report,
                 needle_waits,
+                limited,
                 lost,
             } = {
                 let mut view = lock(self.view);
@@ -636,6 +667,9 @@ impl Watch<'_> {
                 report: report.as_ref(),
                 link: Some(link_summary(self.link)),
                 needle_waits,
+                limited: self
+                    .limits
+                    .map_or(limited, |limits| LimitedTicks::from(limits())),
             };
             let stopped = progress(&note).is_break();
             let in_time = self.end.is_none_or(|end| Instant::now() < end);
@@ -691,7 +725,11 @@ impl Watch<'_> {
             let wait = self.rearms.wait(now);
             if !self.has_let_go {
                 self.has_let_go = true;
-                attendant.let_go(wait);
+                let person = lock(self.log).tally.stopped_by().map(str::to_owned);
+                match person {
+                    Some(person) => attendant.stopped(&person),
+                    None => attendant.let_go(wait),
+                }
             }
             match attendant.arms() {
                 Arms::ByHand => {}
@@ -719,7 +757,9 @@ impl Watch<'_> {
             self.rest = Some(Rest::Back);
         }
         if matches!(self.rest, Some(Rest::Back)) && attendant.arms() != Arms::No {
-            self.link.order(Order::Command(Command::Arm))?;
+            let arm = Order::Command(Command::Arm);
+            lock(self.log).tally.order(&arm, &attendant.person());
+            self.link.order(arm)?;
             self.arming = Some(ArmingWatch::new(self.plan));
             self.rest = None;
         }

@@ -5,20 +5,24 @@
 //! Energy is the passivity observer's of Hannaford & Ryu 2002: E = -sum F . dx, with F the contact force
 //! on the hand held over one tick and dx the grip's motion in it; positive when the hand did the work.
 
-use super::Solved;
+use super::ending::{Ending, EndingKind};
 use super::fault_names;
 use super::heard::Fate;
 use super::horizon::Horizon;
+use super::limited::{LimitWatch, LimitedTicks};
 use super::overload::GivenUp;
-use super::summary::{Age, Energy, Force, Frames, Latency, Percentiles, StepTime, Summary};
-use crate::link::{LinkCounters, SentContact};
+use super::summary::{
+    Age, Energy, Force, Frames, Latency, Percentiles, SafeStop, StepTime, Summary,
+};
+use super::{Plan, Solved};
+use crate::link::{LinkCounters, Order, SentContact};
 use crate::step::Status;
 use crate::times::Times;
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
-use sutura_shared::control::TICK_HZ;
+use sutura_shared::control::{TICK_HZ, TicksLimited};
 use sutura_shared::wire::inputs;
-use sutura_shared::wire::message::{Contact, Mode, Report, State};
+use sutura_shared::wire::message::{Command, Contact, Fixture, Mode, Report, State};
 
 /// Everything that a session remembers of itself.
 #[derive(Debug)]
@@ -29,7 +33,15 @@ pub struct Statistics {
     states: u64,
     decays: u64,
     ticks_withheld: u64,
+    limits: LimitWatch,
     peak_n: f64,
+    /// Largest force that steps found, of those that were sent \[N\].
+    solved_peak_n: f64,
+    /// Whether the console had something to render that no solver knows.
+    had_fixture: bool,
+    /// Safe stops that a person asked for, and whether the console rests because of the newest.
+    safe_stops: Vec<SafeStop>,
+    is_stopped: bool,
     /// Sum of squares \[N^2\].
     square_n2: f64,
     energy_j: f64,
@@ -60,9 +72,13 @@ pub struct Statistics {
     /// Whether the needle waited in the newest step, and in how many it did.
     waits: bool,
     steps_waited: u64,
-    /// Steps that lagged behind the hands, and how far at most \[m\].
+    /// Steps that lagged behind the hands, how far at most \[m\], and those that lagged by more than they touched.
     steps_behind: u64,
     most_lag_m: f64,
+    steps_outrun: u64,
+    /// Steps of a tool on tissue, and of one inside it.
+    pressing_steps: u64,
+    inside_steps: u64,
     rearmed: u64,
     given_up: GivenUp,
     ages_us: Times,
@@ -77,10 +93,14 @@ pub struct Statistics {
     gap: bool,
 }
 
-/// Word of a session's status whose contact was not felt.
-pub const NOT_RENDERED: &str = "not-rendered";
 /// A force below this nobody notices \[N\].
 const NOTICED_N: f64 = 1e-3;
+/// Largest force of a tool that touches, below which the tissue cannot be meant \[N\].
+const FAINT_N: f64 = 5e-3;
+/// Force that is felt beyond doubt \[N\].
+const FELT_N: f64 = 0.05;
+/// Safe stops of which a summary tells.
+const MOST_STOPS: usize = 100;
 /// Steps at the end of a session whose contacts may not have come yet.
 const UNDERWAY: u64 = 4;
 /// Part of the steps in contact that may be withheld or out of balance.
@@ -146,7 +166,12 @@ impl Statistics {
             states: 0,
             decays: 0,
             ticks_withheld: 0,
+            limits: LimitWatch::default(),
             peak_n: 0.0,
+            solved_peak_n: 0.0,
+            had_fixture: false,
+            safe_stops: Vec::new(),
+            is_stopped: false,
             square_n2: 0.0,
             energy_j: 0.0,
             energy_min_j: 0.0,
@@ -168,6 +193,9 @@ impl Statistics {
             steps_waited: 0,
             steps_behind: 0,
             most_lag_m: 0.0,
+            steps_outrun: 0,
+            pressing_steps: 0,
+            inside_steps: 0,
             rearmed: 0,
             given_up: GivenUp::default(),
             ages_us: Times::new(u64::from(u32::MAX)),
@@ -181,6 +209,15 @@ impl Statistics {
         }
     }
 
+    /// Statistics of a session by this plan.
+    pub fn of(plan: &Plan) -> Self {
+        let mut new = Statistics::new(plan.host_hz);
+        new.horizon.at_least(plan.horizon_us);
+        new.limits.max_force_n = plan.device.max_force_n.into();
+        new.had_fixture = plan.fixture != Fixture::None;
+        new
+    }
+
     /// Solves are to come `host_hz` times a second from now on.
     pub fn change(&mut self, host_hz: f64) {
         self.host_hz = host_hz;
@@ -189,7 +226,7 @@ impl Statistics {
 
     /// The link was lost: what comes next is of another session, and maybe of a console that has started anew.
     pub fn lose(&mut self) {
-        self.earlier = (self.ticks(), self.counted());
+        self.earlier = (self.ticks(), self.console_counts());
         self.first = None;
         self.first_report = None;
         self.last_report = None;
@@ -200,6 +237,7 @@ impl Statistics {
     pub fn state(&mut self, state: &State) {
         self.horizon.tick(state.tick);
         let force = norm(state.force_n);
+        self.limits.state(force);
         self.peak_n = self.peak_n.max(force);
         self.square_n2 += force * force;
         self.states += 1;
@@ -281,6 +319,43 @@ impl Statistics {
     /// The console was armed again after it had let go.
     pub fn rearm(&mut self) {
         self.rearmed += 1;
+        self.is_stopped = false;
+    }
+
+    /// Takes note of an order that `person` gave while the session ran.
+    pub fn order(&mut self, order: &Order, person: &str) {
+        match order {
+            Order::Command(Command::Disarm) => {
+                // One that let go before is not at rest because of this.
+                let renders = |state: &State| matches!(state.mode, Mode::Armed | Mode::Decaying);
+                self.is_stopped |= self.last.as_ref().is_some_and(renders);
+                if self.safe_stops.len() < MOST_STOPS {
+                    self.safe_stops.push(SafeStop {
+                        at_s: self.ticks() as f64 / f64::from(TICK_HZ),
+                        by: person.to_owned(),
+                    });
+                }
+            }
+            Order::Command(Command::Arm) => self.is_stopped = false,
+            Order::Fixture(fixture) => self.had_fixture |= *fixture != Fixture::None,
+            _ => {}
+        }
+    }
+
+    /// Whether the console rests because a person stopped it; who that was.
+    pub fn stopped_by(&self) -> Option<&str> {
+        let newest = self.safe_stops.last().filter(|_| self.is_stopped);
+        newest.map(|stop| stop.by.as_str())
+    }
+
+    /// Takes the console's own counts of what its limits took away in the session.
+    pub fn counted(&mut self, limited: TicksLimited) {
+        self.limits.counted(limited);
+    }
+
+    /// Ticks so far in which a limit of the device took a part of the force away.
+    pub fn limited(&self) -> LimitedTicks {
+        self.limits.ticks()
     }
 
     /// What was given up so far.
@@ -303,14 +378,19 @@ impl Statistics {
         }
         let wrench = solved.contact.map_or([0.0; 6], |contact| contact.wrench);
         let [x, y, z, ..] = wrench;
+        let force_n = (x * x + y * y + z * z).sqrt();
         self.contact_steps += u64::from(solved.touched);
-        self.forceful_steps += u64::from((x * x + y * y + z * z).sqrt() > NOTICED_N);
+        self.pressing_steps += u64::from(solved.presses);
+        self.solved_peak_n = self.solved_peak_n.max(force_n);
+        self.forceful_steps += u64::from(force_n > NOTICED_N);
         let is_spoilt = solved.contact.is_none() || solved.unfinished;
         self.spoilt_steps += u64::from(solved.touched && is_spoilt);
         self.waits = solved.needle.is_some_and(|needle| needle.waits);
         self.steps_waited += u64::from(self.waits);
         self.steps_behind += u64::from(solved.status == Status::Behind);
         self.most_lag_m = self.most_lag_m.max(solved.lag_m);
+        self.steps_outrun += u64::from(solved.outrun);
+        self.inside_steps += u64::from(solved.status == Status::Inside);
         if solved.contact.is_some() {
             self.withheld_last = None;
             return;
@@ -348,7 +428,7 @@ impl Statistics {
     }
 
     /// What the console counted.
-    fn counted(&self) -> ConsoleCounts {
+    fn console_counts(&self) -> ConsoleCounts {
         let (_, earlier) = self.earlier;
         // The first report comes with the answer to `Hello` and tells what was counted before the session.
         let now = since(
@@ -379,6 +459,11 @@ impl Statistics {
             .collect()
     }
 
+    /// Steps of which a part says something: a quarter of a second of them.
+    fn enough_steps(&self) -> f64 {
+        LEAST_CONTACT_S * self.host_hz
+    }
+
     /// Why what the solver found was not felt, if it was not.
     fn not_rendered(&self) -> Option<String> {
         // The console's own force says nothing of it: a fixture has one, too.
@@ -388,14 +473,105 @@ impl Statistics {
                 self.forceful_steps
             ));
         }
+        let is_found = self.forceful_steps > UNDERWAY && self.solved_peak_n > FELT_N;
+        if is_found && self.peak_n < FAINT_N {
+            return Some(format!(
+                "steps found up to {:.3} N, and the largest force on the grip was {:.4} N",
+                self.solved_peak_n, self.peak_n
+            ));
+        }
         let steps = self.contact_steps as f64;
         let share = self.spoilt_steps as f64 / steps.max(1.0);
-        (share > MOST_SPOILT && steps >= LEAST_CONTACT_S * self.host_hz).then(|| {
+        (share > MOST_SPOILT && steps >= self.enough_steps()).then(|| {
             format!(
                 "{:.0} % of the steps in contact were withheld or not balanced",
                 1e2 * share
             )
         })
+    }
+
+    /// Why a force was felt that no step found, if one was.
+    fn untouched(&self) -> Option<String> {
+        let is_felt = self.peak_n > FELT_N && !self.had_fixture;
+        let is_found = self.contact_steps > 0 || self.solved_peak_n > FAINT_N;
+        (is_felt && !is_found && self.steps_ns.count() > 0).then(|| {
+            format!(
+                "{:.3} N were felt, and no step found a contact",
+                self.peak_n
+            )
+        })
+    }
+
+    /// Why most steps say little of where the hand was, if so.
+    fn outrun(&self) -> Option<String> {
+        let steps = self.contact_steps.max(self.steps_outrun) as f64;
+        let share = self.steps_outrun as f64 / steps.max(1.0);
+        (share > MOST_SPOILT && steps >= self.enough_steps()).then(|| {
+            format!(
+                "in {} of {} steps tools lagged behind the hand by more than they touched, by {:.3} mm at most",
+                self.steps_outrun,
+                self.steps_ns.count(),
+                1e3 * self.most_lag_m
+            )
+        })
+    }
+
+    /// Why nobody feels the tissue, if so.
+    fn faint(&self) -> Option<String> {
+        let largest_n = self.peak_n.max(self.solved_peak_n);
+        let touched = self.pressing_steps as f64 >= self.enough_steps();
+        (touched && largest_n < FAINT_N).then(|| {
+            format!(
+                "the tool touched in {} steps, and the largest force was {:.4} mN",
+                self.pressing_steps,
+                1e3 * largest_n
+            )
+        })
+    }
+
+    /// What the device's limits took away, if that was much.
+    fn cut_off(&self) -> Option<String> {
+        let ticks = self.limited();
+        let power = ticks.power.filter(|power| *power > 0);
+        let power = power.map_or(String::new(), |power| {
+            format!(", its largest power in {power}")
+        });
+        ticks.are_many().then(|| {
+            format!(
+                "the device's largest force, {} N, cut the force off in {} ticks{power}: {:.3} N were felt of {:.3} N that steps found",
+                self.limits.max_force_n, ticks.force, self.peak_n, self.solved_peak_n
+            )
+        })
+    }
+
+    /// How the session ended, by the console's mode and faults at its end.
+    fn ending(&self, mode: Mode, faults: &[String]) -> Ending {
+        let inside = || {
+            let steps = self.inside_steps;
+            (steps > 0).then(|| format!("a tool was inside the tissue in {steps} steps"))
+        };
+        let rests = |is_so: bool, words: String| (mode == Mode::Idle && is_so).then_some(words);
+        let stop = self.safe_stops.last().filter(|_| self.is_stopped);
+        let stopped = stop.map_or(String::new(), |stop| {
+            format!("safe stop by {} at {:.2} s", stop.by, stop.at_s)
+        });
+        use EndingKind::{
+            Behind, Faint, Fault, Idle, Inside, Limited, NotRendered, Stopped, Untouched,
+        };
+        let idle = "no usable contact for too long".to_owned();
+        let found = [
+            (Fault, (mode == Mode::Fault).then(|| faults.join(", "))),
+            (NotRendered, self.not_rendered()),
+            (Inside, inside()),
+            (Untouched, self.untouched()),
+            (Behind, self.outrun()),
+            (Faint, self.faint()),
+            (Stopped, rests(stop.is_some(), stopped)),
+            (Idle, rests(true, idle)),
+            (Limited, self.cut_off()),
+        ];
+        let gravest = found.into_iter().find_map(|(kind, why)| Some((kind, why?)));
+        gravest.map_or_else(Ending::default, |(kind, why)| Ending::new(kind, why))
     }
 
     /// The largest mean of a second \[ns\], the one under way included; a shorter session is one.
@@ -424,7 +600,8 @@ impl Statistics {
         let seconds = self.ticks() as f64 / f64::from(tick_hz);
         let mode = self.last.map_or(Mode::Boot, |state| state.mode);
         let faults = fault_names(self.last.map_or(0, |state| state.faults));
-        let console = self.counted();
+        let console = self.console_counts();
+        let ending = self.ending(mode, &faults);
         let frames = Frames {
             sent: u64::from(link.frames.frames_sent),
             lost: u64::from(link.frames.frames_lost) + console.lost,
@@ -433,12 +610,8 @@ impl Statistics {
             superseded: link.states_superseded + link.contacts_superseded + console.superseded,
         };
         Summary {
-            status: match (mode, self.not_rendered()) {
-                (Mode::Fault, _) => format!("fault: {}", faults.join(", ")),
-                (_, Some(why)) => format!("{NOT_RENDERED}: {why}"),
-                (Mode::Idle, _) => "idle: no usable contact for too long".to_owned(),
-                _ => "ok".to_owned(),
-            },
+            status: ending.to_string(),
+            ending,
             contact_steps: self.contact_steps,
             rearmed: self.rearmed,
             overload: self.given_up,
@@ -472,9 +645,12 @@ impl Statistics {
             withheld_last: self.withheld_last,
             decays: self.decays,
             ticks_withheld: self.ticks_withheld,
+            ticks_limited: self.limited(),
+            safe_stops: self.safe_stops.clone(),
             needle_waited_steps: self.steps_waited,
             steps_behind: self.steps_behind,
             most_lag_m: self.most_lag_m,
+            steps_outrun: self.steps_outrun,
             frames,
             latency_us: Latency {
                 p50: us(delays, 0.5, 1.0),
@@ -494,6 +670,7 @@ impl Statistics {
             stages_us: self.stages_us(steps),
             force_n: Force {
                 peak: self.peak_n,
+                solved_peak: self.solved_peak_n,
                 rms: (self.square_n2 / self.states.max(1) as f64).sqrt(),
             },
             energy_j: Energy {

@@ -2,9 +2,9 @@
 //!
 //! Entry point: [`Summary`]. Key names carry their units and are a contract with scripts: add, never rename.
 
-use super::Chosen;
 use super::overload::GivenUp;
 use super::statistics::MOST_SPOILT;
+use super::{Chosen, Ending, LimitedTicks};
 use super::{MachineLate, Scheduling};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -64,6 +64,9 @@ pub struct Frames {
 pub struct Force {
     /// Largest magnitude \[N\].
     pub peak: f64,
+    /// Largest magnitude that a solver step found for the driven tool, of those that were sent \[N\]: with a fixture, or between
+    /// steps that are far apart, another force may be felt.
+    pub solved_peak: f64,
     /// Root of the mean square over all ticks \[N\].
     pub rms: f64,
 }
@@ -125,11 +128,24 @@ pub struct LinkSummary {
     pub sessions: u32,
 }
 
+/// A safe stop that a person asked for.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
+pub struct SafeStop {
+    /// Session time at which it was asked for \[s\].
+    pub at_s: f64,
+    /// Who asked: a page by its number, or the terminal.
+    pub by: String,
+}
+
 /// A session in numbers.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Summary {
-    /// `ok`; else what was latched, why what was touched was not felt, or that the console is at rest: the first of these.
+    /// `ok`, or a word and its reason, the first of these: `fault`, `not-rendered`, `inside`, `untouched`, `behind`, `faint`,
+    /// `stopped`, `idle`, `limited`.
     pub status: String,
+    /// The same, to be compared.
+    #[serde(skip)]
+    pub ending: Ending,
     /// How the console was reached: `virtual`, `qemu`, or a port.
     pub console: String,
     /// Name of the device.
@@ -167,6 +183,11 @@ pub struct Summary {
     /// Ticks in which the console let through so much less force than the contact asks for that a finger notices it: what an
     /// outage has taken away comes back slowly, and what nobody has paid for only once the tool has left the tissue.
     pub ticks_withheld: u64,
+    /// Ticks in which a limit of the device took a part of the force away. A session with more than ten by force or power is
+    /// `limited`.
+    pub ticks_limited: LimitedTicks,
+    /// Safe stops that a person asked for, the first hundred.
+    pub safe_stops: Vec<SafeStop>,
     /// Solver steps in which the needle in the grip touched nothing, since the console was armed with it in the tissue and it
     /// had not been outside since.
     pub needle_waited_steps: u64,
@@ -175,6 +196,8 @@ pub struct Summary {
     pub steps_behind: u64,
     /// How far a tool lagged in them at most \[m\].
     pub most_lag_m: f64,
+    /// Those of them in which it lagged by more than it touched: its force was held, and none was foretold from it.
+    pub steps_outrun: u64,
     /// Frames.
     pub frames: Frames,
     /// The link.

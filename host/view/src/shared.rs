@@ -54,6 +54,15 @@ pub struct Reply {
 }
 
 impl Reply {
+    /// Who asks, in words: a page by its number, or the terminal of this program.
+    pub fn person(&self) -> String {
+        let state = self.shared.lock();
+        match state.clients.get(&self.client) {
+            Some(client) if client.is_own => "the terminal".to_owned(),
+            _ => format!("page {}", self.client),
+        }
+    }
+
     /// It has been done.
     pub fn done(mut self) {
         self.give(json!({"re": self.id, "ok": true}));

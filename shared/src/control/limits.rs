@@ -1,7 +1,8 @@
 //! Limits on force, power, speed and slew at the grip.
 //!
 //! Entry points: [`Limits::bound`] for a force that is wanted, [`Limits::slewed`] for one that is about to be
-//! commanded, [`Limits::too_fast`] for the fault. The limits of single joints are the drive's.
+//! commanded, [`Limits::too_fast`] for the fault, [`Limits::count`] for the ticks in which a limit took something away. The
+//! limits of single joints are the drive's.
 
 use super::TICK_S;
 use super::tuning::Guards;
@@ -13,6 +14,30 @@ use crate::math::{Vec3, clamp, dot, min, shortened};
 const FADE_FROM: f32 = 0.7;
 /// Ticks in a row beyond the largest speed that are a fault: longer than one wrong count of an encoder shows.
 const TOO_FAST_TICKS: u8 = 5;
+/// Part of the largest force from which on a force counts as cut: rendering has shortened it to that, but for rounding.
+const CUT_FROM: f32 = 1.0 - 1e-4;
+
+/// Ticks of a session in which a limit of the device took a part of the force away, by limit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TicksLimited {
+    /// By the largest force of the grip, or by the largest current of a motor.
+    pub force: u32,
+    /// By the largest power.
+    pub power: u32,
+    /// By the fade towards the largest speed.
+    pub speed: u32,
+    /// By the largest slew of a joint.
+    pub slew: u32,
+}
+
+/// Limits that took a part of one tick's force away.
+#[derive(Clone, Copy, Debug, Default)]
+struct Cuts {
+    force: bool,
+    power: bool,
+    speed: bool,
+    slew: bool,
+}
 
 /// The limits of one console, and what they remember.
 #[derive(Clone, Copy, Debug)]
@@ -29,6 +54,9 @@ pub(super) struct Limits {
     fast_ticks: u8,
     /// Smallest part of the largest speed within the last two ticks: a single wrong count fades nothing.
     speed: [f32; 2],
+    /// Of the tick under way.
+    cuts: Cuts,
+    ticks: TicksLimited,
 }
 
 impl Limits {
@@ -42,7 +70,34 @@ impl Limits {
             before: Vec3::zeros(),
             fast_ticks: 0,
             speed: [0.0; 2],
+            cuts: Cuts::default(),
+            ticks: TicksLimited::default(),
         }
+    }
+
+    /// Ticks of the session in which a part of the force was taken away.
+    pub fn ticks(&self) -> TicksLimited {
+        self.ticks
+    }
+
+    /// Counts from nothing: a session begins.
+    pub fn count_anew(&mut self) {
+        self.ticks = TicksLimited::default();
+    }
+
+    /// Counts a tick under power. `saturated`: a motor had no room for all of its force.
+    pub fn count(&mut self, saturated: bool) {
+        let Cuts {
+            force,
+            power,
+            speed,
+            slew,
+        } = self.cuts;
+        let add = |ticks: &mut u32, cut| *ticks = ticks.wrapping_add(u32::from(cut));
+        add(&mut self.ticks.force, force || saturated);
+        add(&mut self.ticks.power, power);
+        add(&mut self.ticks.speed, speed);
+        add(&mut self.ticks.slew, slew);
     }
 
     /// Whether the grip has been too fast for too long. To be asked once a tick; `armed`: it is under power.
@@ -70,18 +125,26 @@ impl Limits {
     }
 
     /// A force \[N\] within force and power, faded where the grip is too fast.
-    pub fn bound(&self, force: &Vec3, velocity: &Vec3) -> Vec3 {
+    pub fn bound(&mut self, force: &Vec3, velocity: &Vec3) -> Vec3 {
         let mut bounded = self.shortened(force, 1.0);
+        let square = dot(&bounded, &bounded);
+        let cut_from = self.max_force_n * CUT_FROM;
+        self.cuts = Cuts {
+            force: self.guards.force && square >= cut_from * cut_from,
+            ..Cuts::default()
+        };
         if self.guards.power {
             let power = dot(&bounded, velocity).abs();
             if power > self.max_power_w {
                 bounded *= self.max_power_w / power;
+                self.cuts.power = true;
             }
         }
         if self.guards.overspeed {
             let [newest, before] = self.speed;
             let over = min(newest, before) - FADE_FROM;
             bounded *= 1.0 - clamp(over * (1.0 / (1.0 - FADE_FROM)), 0.0, 1.0);
+            self.cuts.speed = over > 0.0 && square > 0.0;
         }
         bounded
     }
@@ -99,7 +162,7 @@ impl Limits {
     ///
     /// Where the slew limit takes the largest force away within 8 ticks, a `left` that falls to 0 in 30 ticks, and a
     /// `force` of 0 then, leave nothing at that tick, whatever was wanted before.
-    pub fn slewed(&self, force: &Vec3, pose: &Pose, left: f32) -> Vec3 {
+    pub fn slewed(&mut self, force: &Vec3, pose: &Pose, left: f32) -> Vec3 {
         // Damping has been added since it was bounded, and goes with what it damps.
         let force = &self.shortened(force, left);
         if !self.guards.slew {
@@ -118,6 +181,7 @@ impl Limits {
                     share
                 }
             });
+        self.cuts.slew = share < 1.0;
         // All of it without rounding.
         if share < 1.0 {
             self.before + change * share
@@ -175,7 +239,7 @@ mod tests {
 
     #[test]
     fn force_and_power_are_bounded_in_both_directions() {
-        let limits = off(|_| {});
+        let mut limits = off(|_| {});
         let still = Vec3::zeros();
         let long = Vec3::new(12.0, -16.0, 0.0);
         assert!(close(&limits.bound(&long, &still), [6.0, -8.0, 0.0]));
@@ -188,7 +252,7 @@ mod tests {
         assert!(close(&across, [0.0, 0.0, 8.0]));
         let strong = off(|guards| guards.force = false).bound(&long, &still);
         assert!(close(&strong, [12.0, -16.0, 0.0]));
-        let mighty = off(|guards| guards.power = false);
+        let mut mighty = off(|guards| guards.power = false);
         let force = mighty.bound(&Vec3::new(0.0, 0.0, 8.0), &Vec3::new(0.0, 0.0, 1.0));
         assert!(close(&force, [0.0, 0.0, 8.0]));
     }
@@ -206,7 +270,7 @@ mod tests {
         // What is within the slew comes as it is.
         let near = Vec3::new(1.0, 0.5, 0.25);
         assert_eq!(limits.slewed(&near, &pose, 1.0), near);
-        let free = off(|guards| guards.slew = false);
+        let mut free = off(|guards| guards.slew = false);
         assert_eq!(free.slewed(&wanted, &pose, 1.0), wanted);
     }
 
@@ -231,6 +295,57 @@ mod tests {
         assert!(close(&careless.bound(&push, &fast(9.0)), [0.0, 2.0, 0.0]));
     }
 
+    /// Every limit counts the ticks in which it took something away, and none else.
+    #[test]
+    fn ticks_are_counted_by_the_limit_that_cut_them() {
+        let pose = forward(&device(), &[0.0; JOINTS]);
+        let (still, fast) = (Vec3::zeros(), Vec3::new(0.0, 0.0, 1.0));
+        let push = |n: f32| Vec3::new(0.0, 0.0, n);
+        // Wanted force, velocity, and whether a motor has no room.
+        let count = |force: f32, velocity: &Vec3, saturated| {
+            let mut limits = off(|_| {});
+            limits.commit(&push(force));
+            let bounded = limits.bound(&push(force), velocity);
+            limits.slewed(&bounded, &pose, 1.0);
+            limits.count(saturated);
+            let TicksLimited {
+                force,
+                power,
+                speed,
+                slew,
+            } = limits.ticks();
+            [force, power, speed, slew]
+        };
+        assert_eq!(count(0.0, &still, false), [0; 4]);
+        assert_eq!(count(9.9, &still, false), [0; 4]);
+        assert_eq!(count(12.0, &still, false), [1, 0, 0, 0]);
+        assert_eq!(count(9.9, &still, true), [1, 0, 0, 0]);
+        // 6 N along 1 m/s are 6 W; the change to 5 N is within 8 N in a tick.
+        assert_eq!(count(6.0, &fast, false), [0, 1, 0, 0]);
+        // Rendering shortens what it gives by the same limit: in single precision it is the largest force only about.
+        let rounded = shortened(Vec3::new(7.3, -11.9, 3.1), 10.0);
+        let mut limits = off(|_| {});
+        limits.bound(&rounded, &still);
+        limits.count(false);
+        assert_eq!(limits.ticks().force, 1);
+        // From nothing to 9 N in a tick, of which a joint takes 8.
+        let mut limits = off(|_| {});
+        let bounded = limits.bound(&push(9.0), &still);
+        limits.slewed(&bounded, &pose, 1.0);
+        limits.count(false);
+        assert_eq!((limits.ticks().force, limits.ticks().slew), (0, 1));
+        // 1.7 m/s of 2 are beyond 70 %, in two ticks.
+        let quick = Vec3::new(1.7, 0.0, 0.0);
+        (0..2).for_each(|_| assert!(!limits.too_fast(&quick, true)));
+        limits.bound(&push(1.0), &quick);
+        limits.count(false);
+        limits.bound(&push(0.0), &quick);
+        limits.count(false);
+        assert_eq!(limits.ticks().speed, 1);
+        limits.count_anew();
+        assert_eq!(limits.ticks(), TicksLimited::default());
+    }
+
     /// 10 N in 8 ticks, the slowest slew for which it is promised, and forces that are as wild as they may be.
     #[test]
     fn what_is_stale_is_gone_in_time_whatever_was_wanted() {
@@ -252,7 +367,8 @@ mod tests {
             limits.commit(&shortened(any(), 10.0));
             for left in (1..30_u8).rev() {
                 let left = f32::from(left) / 30.0;
-                limits.commit(&limits.slewed(&any(), &pose, left));
+                let force = limits.slewed(&any(), &pose, left);
+                limits.commit(&force);
             }
             let last = limits.slewed(&Vec3::zeros(), &pose, 0.0);
             assert_eq!(last, Vec3::zeros());

@@ -25,6 +25,7 @@ mod tuning;
 mod velocity;
 mod wall;
 
+pub use limits::TicksLimited;
 pub use needle::LocalNeedle;
 pub use rows::{ContactRows, RowsForce};
 pub use thread::LocalThread;
@@ -33,7 +34,7 @@ pub use tuning::{Guards, Rendering, Tuning};
 use crate::device::{DeviceDescription, DeviceError, JOINTS, Joint};
 use crate::hash::TraceHash;
 use crate::kinematics::{self, Grip, Pose};
-use crate::math::{Vec3, clamp, is_finite, min};
+use crate::math::{Vec3, clamp, dot, is_finite, min};
 use crate::mutant::stands;
 use crate::wire::message::{Command, Fixture, Mode, State};
 use crate::wire::validate::{MAX_POSITION, MAX_SPEED, UNIT_TOLERANCE};
@@ -261,6 +262,7 @@ impl Control {
     /// A host has opened a session: disarms, forgets contact, needle and thread, and starts the trace hash again.
     pub fn open_session(&mut self) {
         self.close_session();
+        self.limits.count_anew();
         self.trace = TraceHash::new();
     }
 
@@ -331,6 +333,11 @@ impl Control {
     /// something \[J\].
     pub fn tank_j(&self) -> f32 {
         self.passivity.energy_j()
+    }
+
+    /// Ticks of the session in which a limit of the device took a part of the force away.
+    pub fn ticks_limited(&self) -> TicksLimited {
+        self.limits.ticks()
     }
 
     fn forget(&mut self) {
@@ -567,6 +574,8 @@ impl Control {
             let command = self.drive.command(&weight, &contact);
             match command.filter(|_| is_finite(force)) {
                 Some(command) => {
+                    self.limits
+                        .count(command.share < 1.0 && dot(force, force) > 0.0);
                     let force = force * command.share;
                     self.passivity.commit(&command.contact, &force);
                     self.limits.commit(&force);

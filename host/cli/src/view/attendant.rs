@@ -36,6 +36,8 @@ pub struct PageAttendant {
     arms: bool,
     /// Whether a page has stopped it, and none has armed it since: then it is not armed by itself.
     is_stopped: bool,
+    /// Who asked for something last.
+    person: String,
     /// Of a simulated console: its hand, and since when.
     hand: Option<(Guide, Instant)>,
     saves: Saves,
@@ -66,6 +68,7 @@ impl PageAttendant {
             asked,
             arms: false,
             is_stopped: false,
+            person: String::new(),
             hand: hand.map(|hand| (Guide::new(hand), Instant::now())),
             saves,
             jaws,
@@ -101,6 +104,7 @@ impl PageAttendant {
     }
 
     fn obey(&mut self, Request { command, reply }: Request) -> Option<Order> {
+        self.person = reply.person();
         let order = match command {
             Command::SafeStop => {
                 (self.arms, self.is_stopped, self.arms_at) = (false, true, None);
@@ -166,6 +170,14 @@ impl Attendant for PageAttendant {
 
     fn let_go(&mut self, wait: Duration) {
         self.operator.let_go(wait);
+    }
+
+    fn stopped(&mut self, person: &str) {
+        self.operator.stopped(person);
+    }
+
+    fn person(&self) -> String {
+        self.person.clone()
     }
 
     fn arms(&mut self) -> Arms {

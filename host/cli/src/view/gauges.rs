@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::time::Instant;
 use sutura_host::recording::SolveSample;
-use sutura_host::session::{LinkSummary, RoundTrip, fault_names, mode_word};
+use sutura_host::session::{LimitedTicks, LinkSummary, RoundTrip, fault_names, mode_word};
 use sutura_host::times::Times;
 use sutura_shared::wire::message::{Mode, Report, State};
 
@@ -44,6 +44,10 @@ pub fn schema() -> Value {
         &json!({"type": ["array", "null"], "items": {"type": "number"}}),
     );
     add(&["frames"], &of(&["lost", "rejected", "superseded"]));
+    add(
+        &["ticks_limited"],
+        &of(&["force", "power", "speed", "slew"]),
+    );
     add(&["bytes_per_s"], &of(&["down", "up"]));
     add(&["pictures"], &of(&["wanted", "made", "sent"]));
     add(
@@ -218,6 +222,7 @@ impl Gauges {
         &mut self,
         report: Option<&Report>,
         link: Option<&LinkSummary>,
+        limited: Option<LimitedTicks>,
     ) -> Map<String, Value> {
         let (stages_us, rest_us) = self.staged();
         let trips = |rtt: Option<RoundTrip>| {
@@ -269,6 +274,7 @@ impl Gauges {
                 "rejected": counted(|report| report.frames_rejected),
                 "superseded": counted(|report| report.frames_superseded),
             },
+            "ticks_limited": limited,
             "solves": self.all_solves,
             "withheld": self.withheld,
             "energy_j": self.energy_j,
@@ -305,7 +311,7 @@ mod tests {
                 gauges.solve(&serde_json::from_value(sample).expect("a solve"));
             }
             gauges.state(time_s, &Sample::BEFORE_THE_FIRST.state);
-            let said = gauges.said(None, None);
+            let said = gauges.said(None, None, None);
             let rate = |key: &str| said[key].as_f64().map(f64::round);
             (rate("host_hz"), rate("rows_hz"))
         };

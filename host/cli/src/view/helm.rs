@@ -106,6 +106,8 @@ pub struct Helm<'a> {
     /// Ways out of the tissue for the console's tool, and the tick at which the console is armed once it is out.
     out: Option<TakeOut>,
     arms_at: Option<u64>,
+    /// Who asked for something last.
+    person: String,
     making: Option<Making>,
     /// Sessions in the making in whose place another one was asked for.
     left: Vec<JoinHandle<Result<Prepared, Failure>>>,
@@ -141,6 +143,7 @@ impl<'a> Helm<'a> {
             acts: Vec::new(),
             out: None,
             arms_at: None,
+            person: String::new(),
             making: None,
             left: Vec::new(),
             ended: None,
@@ -187,6 +190,7 @@ impl<'a> Helm<'a> {
 
     fn obey(&mut self, request: Request, now: &Steered<'_>, orders: &mut Vec<Order>) {
         let Request { command, reply } = request;
+        self.person = reply.person();
         let renders = matches!(now.state.mode, Mode::Armed | Mode::Decaying);
         let now_s = self.time_s(now);
         match command {
@@ -448,6 +452,10 @@ impl<'a> Helm<'a> {
 }
 
 impl Steer for Helm<'_> {
+    fn person(&self) -> String {
+        self.person.clone()
+    }
+
     fn acts(&mut self) -> Vec<Act> {
         std::mem::take(&mut self.acts)
     }

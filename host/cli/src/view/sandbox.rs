@@ -24,7 +24,7 @@ use std::time::Duration;
 use sutura_hil::NativeConsole;
 use sutura_host::picture::Showing;
 use sutura_host::recording::{About, Recorder, TappedConsole, TappedSolver};
-use sutura_host::session::{Progress, run_steered};
+use sutura_host::session::{EndingKind, Progress, run_steered};
 use sutura_view::{Request, Shared};
 
 /// Where a session is recorded that a page wants recorded, if no file was named.
@@ -143,13 +143,19 @@ fn session(
     if let Some(At { at_s, reached }) = pause {
         helm.pause_at(at_s, reached);
     }
-    let go_on = |_: &Progress<'_>| ControlFlow::Continue(());
+    let go_on = |note: &Progress<'_>| {
+        show.going(|going| going.limited = Some(note.limited));
+        ControlFlow::Continue(())
+    };
     let ran = run_steered(&mut console, &plan, &mut showing, go_on, &mut helm);
     let (ended, file) = helm.ended();
     let recorded = recorder.finish();
     let shown = show.end(page.place());
     tracing::info!("shown: {shown:?}");
-    ran.map_err(|error| session_failure(error, "virtual"))?;
+    let summary = ran.map_err(|error| session_failure(error, "virtual"))?;
+    if summary.ending.kind != EndingKind::Ok {
+        note!("the session ended as {}", summary.status);
+    }
     recorded.map_err(failure)?;
     if let Some(file) = file {
         note!("recorded in {}", file.display());

@@ -163,7 +163,10 @@ impl Viewed {
     /// How far the session is.
     pub fn progress(&self, note: &Progress<'_>) {
         if let Some(show) = &self.show {
-            show.going(|going| (going.report, going.link) = (note.report.copied(), note.link));
+            show.going(|going| {
+                (going.report, going.link) = (note.report.copied(), note.link);
+                going.limited = Some(note.limited);
+            });
         }
     }
 

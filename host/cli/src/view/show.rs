@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use sutura_host::core_time::core_time;
 use sutura_host::picture::{Heard, Offer, Painter, Scalar, SolvesOf};
 use sutura_host::scene::Scene;
-use sutura_host::session::{LinkSummary, Plan, SceneSolver, Snapshot, ViewSummary};
+use sutura_host::session::{LimitedTicks, LinkSummary, Plan, SceneSolver, Snapshot, ViewSummary};
 use sutura_host::thread::Hanging;
 use sutura_host::times::Times;
 use sutura_shared::wire::message::Report;
@@ -45,6 +45,8 @@ pub struct Going {
     pub report: Option<Report>,
     /// The link so far; none in lockstep.
     pub link: Option<LinkSummary>,
+    /// Ticks in which a limit of the device took a part of the force away.
+    pub limited: Option<LimitedTicks>,
     /// Whether time stands still.
     pub paused: bool,
     /// Session time per wall time that is wanted; none in real time.
@@ -301,9 +303,9 @@ impl Showing {
 
     fn gauges(&self, wanted_hz: f64) {
         let going = self.going();
-        let mut said = self
-            .telemetry
-            .gauges(going.report.as_ref(), going.link.as_ref());
+        let mut said =
+            self.telemetry
+                .gauges(going.report.as_ref(), going.link.as_ref(), going.limited);
         let all = self.shared.figures();
         let own = json!({
             "paused": going.paused,

@@ -8,7 +8,7 @@ use serde_json::{Map, Value, json};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use sutura_host::picture::{SolveRow, SolvesOf, TickRow, encode_solves, encode_ticks};
 use sutura_host::recording::{Passed, Seen, SolveSample};
-use sutura_host::session::{LinkSummary, fault_words};
+use sutura_host::session::{LimitedTicks, LinkSummary, fault_words};
 use sutura_shared::wire::faults;
 use sutura_shared::wire::message::{Mode, Report, State};
 use sutura_view::Shared;
@@ -128,10 +128,11 @@ impl Telemetry {
         &self,
         report: Option<&Report>,
         link: Option<&LinkSummary>,
+        limited: Option<LimitedTicks>,
     ) -> Map<String, Value> {
         let mut inner = self.lock();
         let session = inner.of.session;
-        let mut said = inner.gauges.said(report, link);
+        let mut said = inner.gauges.said(report, link, limited);
         said.insert("kind".to_owned(), json!("gauges"));
         said.insert("session".to_owned(), json!(session));
         said.insert("stopped_by".to_owned(), json!(inner.stopped_by));

@@ -6,6 +6,8 @@
 use super::super::about::Begins;
 use super::super::read::Recording;
 use super::sessions::{DownFrame, Session, sessions};
+use crate::session::LimitedTicks;
+use sutura_shared::control::TicksLimited;
 use sutura_shared::wire::message::State;
 use sutura_shared::wire::{Kind, Valid};
 
@@ -46,6 +48,10 @@ pub trait Replayed {
     /// Tries the tick without running it: whether it would come to the recorded state. `None` where that cannot be tried.
     fn would(&self, frames: &[&DownFrame], state: &Valid<State>) -> Option<bool>;
 
+    /// Ticks of the session that is open in which a limit of the device took a part of the force away; none where the console
+    /// cannot be asked.
+    fn ticks_limited(&self) -> Option<TicksLimited>;
+
     /// Trace hash after the last tick.
     fn hash(&self) -> u64;
 }
@@ -67,6 +73,8 @@ pub struct ConsoleVerdict {
     pub unverifiable_from: Option<u32>,
     /// Why, of either.
     pub why: Option<String>,
+    /// Ticks that were run in which a limit of the device took a part of the force away; none where the console cannot be asked.
+    pub ticks_limited: Option<LimitedTicks>,
     /// Trace hash of the last tick that was run.
     pub hash: u64,
 }
@@ -86,7 +94,12 @@ pub fn replay_console(recording: &Recording, console: &mut dyn Replayed) -> Cons
         return verdict;
     }
     for session in &sessions {
-        if let Err(stop) = one_session(session, console, &mut verdict) {
+        let ran = one_session(session, console, &mut verdict);
+        if let Some(ticks) = console.ticks_limited() {
+            let ticks = LimitedTicks::from(ticks);
+            verdict.ticks_limited = Some(verdict.ticks_limited.unwrap_or_default() + ticks);
+        }
+        if let Err(stop) = ran {
             match stop {
                 Stop::Diverged { tick, how } => {
                     verdict.diverged_at = Some(tick);

@@ -6,7 +6,7 @@
 use super::console::{Ran, Replayed};
 use super::sessions::{DownFrame, Session};
 use sutura_shared::console_endpoint::{ConsoleEndpoint, Delivery};
-use sutura_shared::control::{Control, Fresh, TICK_US, TickInput};
+use sutura_shared::control::{Control, Fresh, TICK_US, TickInput, TicksLimited};
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::hash::TraceHash;
 use sutura_shared::link::{ConsoleLink, Identity};
@@ -91,6 +91,11 @@ impl Replayed for NativeTicks {
     fn would(&self, frames: &[&DownFrame], state: &Valid<State>) -> Option<bool> {
         let mut run = self.run.clone().filter(|run| run.joined)?;
         Some(run.tick(frames, state) == Ok(Ran::Same))
+    }
+
+    fn ticks_limited(&self) -> Option<TicksLimited> {
+        let run = self.run.as_ref()?;
+        Some(run.control.ticks_limited())
     }
 
     fn hash(&self) -> u64 {

@@ -4,6 +4,7 @@
 
 use super::super::read::{End, Recording};
 use super::{ConsoleVerdict, HostVerdict};
+use crate::session::LimitedTicks;
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::path::Path;
@@ -45,6 +46,9 @@ pub struct OfConsole {
     pub unverifiable_from: Option<u32>,
     /// Why, of either.
     pub why: Option<String>,
+    /// Ticks that were run in which a limit of the device took a part of the force away; none where that cannot be told.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ticks_limited: Option<LimitedTicks>,
     /// Trace hash of the last tick that was run, in hexadecimal.
     pub hash: String,
 }
@@ -98,6 +102,7 @@ impl Report {
                 diverged_at: console.diverged_at,
                 unverifiable_from: console.unverifiable_from,
                 why: console.why.clone(),
+                ticks_limited: console.ticks_limited,
                 hash: format!("{:016x}", console.hash),
             },
             host: OfHost {

@@ -7,6 +7,7 @@ use super::console::{Ran, Replayed};
 use super::native::difference;
 use super::sessions::{DownFrame, Session, frame_with_session, parse};
 use crate::link::LockstepConsole;
+use sutura_shared::control::TicksLimited;
 use sutura_shared::wire::message::State;
 use sutura_shared::wire::{Checked, Valid, inputs};
 
@@ -111,6 +112,10 @@ impl Replayed for WholeConsole<'_> {
 
     fn would(&self, _: &[&DownFrame], _: &Valid<State>) -> Option<bool> {
         None
+    }
+
+    fn ticks_limited(&self) -> Option<TicksLimited> {
+        self.console.ticks_limited()
     }
 
     fn hash(&self) -> u64 {

@@ -7,6 +7,7 @@ mod ahead;
 mod constrained;
 mod events;
 mod follower;
+mod lag;
 mod peaks;
 mod secant;
 mod snapshot;
@@ -31,6 +32,7 @@ pub(crate) use constrained::{IN_BALANCE, MOST_PASSES, MOST_STEPS};
 use events::EventLog;
 pub use events::Happened;
 use follower::Follower;
+use lag::{Lag, without_course};
 use nalgebra::Vector3;
 use peaks::Peaks;
 use serde_json::{Map, Value, json};
@@ -472,6 +474,16 @@ impl SceneSolver {
         })
     }
 
+    /// Whether the driven tool was on tissue or another body in the last step, rather than at a thread, or withheld.
+    fn presses(&self, needle: Option<&HeldNeedle>) -> bool {
+        if let Follower::Prescribed(tissue) = &self.follower {
+            return tissue.touched();
+        }
+        let contact = self.past.last.contacts().first();
+        contact.is_some_and(|contact| contact.rows > 0)
+            || needle.is_some_and(|needle| matches!(needle.tip, Tip::Holding | Tip::Inside))
+    }
+
     /// Whether the driven tool was in contact in the last step, also where the result is withheld.
     fn touched(&self, needle: Option<&HeldNeedle>, thread: Option<&HeldThread>) -> bool {
         if let Follower::Prescribed(tissue) = &self.follower {
@@ -655,11 +667,21 @@ impl Solve for SceneSolver {
         {
             secant::stiffen(felt, rows, times);
         }
-        let (needle, thread) = self.in_grip(&report, period_us);
+        let (mut needle, mut thread) = self.in_grip(&report, period_us);
         clock.lap(&mut stages.look_ns);
+        let touched = self.touched(needle.as_ref(), thread.as_ref());
+        let presses = touched && self.presses(needle.as_ref());
         let is_behind = report.status == Status::Behind;
+        let mut outrun = false;
         if is_behind {
             goal.position_m = reached.position_m.map(|x| x as f32);
+            let lag = Lag::between(&reached, &sample);
+            let holds = needle.is_some() || thread.is_some();
+            if let Some(contact) = felt.filter(|contact| lag.outruns(contact, holds)) {
+                // Needle, thread and rows go on from where the tool is as well.
+                (felt, rows) = (Some(without_course(&contact)), None);
+                (needle, thread, outrun) = (None, None, true);
+            }
         }
         Solved {
             position_m: goal.position_m,
@@ -667,7 +689,9 @@ impl Solve for SceneSolver {
             lag_m: if is_behind { self.lag_m() } else { 0.0 },
             contact: felt,
             rows,
-            touched: self.touched(needle.as_ref(), thread.as_ref()),
+            touched,
+            presses,
+            outrun,
             needle,
             thread,
             status: report.status,
