@@ -17,6 +17,7 @@ mod cli_tradeoff;
 #[cfg(all(target_os = "linux", feature = "view"))]
 mod desktop;
 mod earlier_version;
+mod endings;
 mod fault_scenarios;
 mod files;
 mod flash;
@@ -26,6 +27,7 @@ mod help_examples;
 mod install;
 mod interrupted;
 mod killed_host;
+mod lags;
 mod lockstep;
 mod messages;
 mod model_forces;

@@ -479,9 +479,20 @@ fn a_page_stops_and_arms_a_session_in_real_time() {
     assert_eq!(later["mode"], "idle");
     client.does(json!({"do": "arm"}));
     client.event("armed");
+    client.does(json!({"do": "safe_stop"}));
+    client.event("disarmed");
     let (_, said) = running.stop();
     let said: Value = serde_json::from_str(&said).unwrap();
     assert!(said["rearmed"].as_u64().unwrap() >= 1, "{said}");
+    // Who stopped it is known, and that nobody armed it since.
+    let stops = said["safe_stops"].as_array().unwrap();
+    let by_a_page = |stop: &Value| stop["by"].as_str().unwrap().starts_with("page ");
+    assert!(stops.len() == 2 && stops.iter().all(by_a_page), "{said}");
+    let status = said["status"].as_str().unwrap();
+    // A machine that is late may have the console let go just before.
+    let let_go = said["decays"].as_u64() > Some(0);
+    assert!(status.starts_with("stopped: ") || let_go, "{status}");
+    assert_eq!(said["mode"], "idle");
 }
 
 /// In real time a page closes and opens the jaws of the console's tool, which no script does, and the recording has it.

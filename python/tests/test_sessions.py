@@ -33,6 +33,18 @@ def test_a_session_is_felt_and_comes_out_the_same_again(felt):
     assert shorter["ticks"] < first["ticks"] and shorter["contact_steps"] < first["contact_steps"]
 
 
+def test_what_the_device_cuts_off_is_said_by_the_session_and_by_its_replay(felt, tmp_path):
+    path = tmp_path / "cut.mcap"
+    stiff = felt | {"device": "serial-arm", "tissue": felt["tissue"] | {"youngs_modulus_pa": 200e3}}
+    summary = sutura.run(sutura.scene(stiff), record=path)
+    limited = summary["ticks_limited"]
+    assert summary["status"].startswith("limited: ") and limited["force"] > 10, summary["status"]
+    assert summary["force_n"]["peak"] < 2.001 < summary["force_n"]["solved_peak"]
+    assert sutura.replay(path)["console"]["ticks_limited"] == limited
+    soft = felt | {"tissue": felt["tissue"] | {"youngs_modulus_pa": 15.0}}
+    assert sutura.run(sutura.scene(soft))["status"].startswith("faint: ")
+
+
 def test_a_recording_runs_again_to_the_bit_and_says_where_it_is_cut_off(felt, tmp_path):
     path = tmp_path / "session.mcap"
     sutura.run(sutura.scene(felt), record=path)

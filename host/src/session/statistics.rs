@@ -708,6 +708,7 @@ fn since(first: Report, last: Report) -> ConsoleCounts {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::session::Rendering;
     use crate::step::{Status, ToolContact};
 
     fn state(tick: u32, z: f32, force: f32) -> State {
@@ -900,6 +901,101 @@ mod tests {
         tally.summary(&LinkCounters::default(), 1000).status
     }
 
+    /// What the word of a session is, for every way in which it is not `ok`, and that little of each passes.
+    #[test]
+    fn a_few_steps_of_a_kind_say_nothing_but_inside() {
+        let ended = |change: &dyn Fn(&mut Statistics)| {
+            let mut tally = Statistics::new(200.0);
+            tally.limits.max_force_n = 2.0;
+            tally.state(&state(0, 0.0, 1.0));
+            (0..100).for_each(|_| tally.step(&in_contact(1.0), Duration::ZERO));
+            let frame = in_contact(1.0).frames(&state(0, 0.0, 0.0), 40_000, Rendering::Hold);
+            tally.frame(1, &frame.expect("a contact").contact);
+            tally.fate(&sent(1), Fate::Used { age_us: 5_000 });
+            change(&mut tally);
+            status(&tally)
+        };
+        let outrun = Solved {
+            status: Status::Behind,
+            lag_m: 3e-3,
+            outrun: true,
+            ..in_contact(0.1)
+        };
+        let inside = Solved {
+            status: Status::Inside,
+            touched: true,
+            ..Solved::default()
+        };
+        let steps = |tally: &mut Statistics, solved: &Solved, count: u32| {
+            (0..count).for_each(|_| tally.step(solved, Duration::ZERO));
+        };
+        assert_eq!(ended(&|_| {}), "ok");
+        assert_eq!(ended(&|tally| steps(tally, &outrun, 20)), "ok");
+        let behind = ended(&|tally| steps(tally, &outrun, 60));
+        assert!(behind.starts_with("behind: in 60 of 160 steps"), "{behind}");
+        assert!(behind.contains("3.000 mm"), "{behind}");
+        let inside = ended(&|tally| steps(tally, &inside, 1));
+        assert_eq!(inside, "inside: a tool was inside the tissue in 1 steps");
+        let cut = |ticks: u32| {
+            ended(&|tally| (1..=ticks).for_each(|tick| tally.state(&state(tick, 0.0, 2.0))))
+        };
+        assert_eq!(cut(10), "ok");
+        assert!(
+            cut(11).starts_with("limited: the device's largest force, 2 N"),
+            "{}",
+            cut(11)
+        );
+        // The console's own counts go before what its states say.
+        let own = |force, power| {
+            let ticks = TicksLimited {
+                force,
+                power,
+                slew: 999,
+                ..TicksLimited::default()
+            };
+            ended(&|tally| {
+                (1..=30).for_each(|tick| tally.state(&state(tick, 0.0, 2.0)));
+                tally.counted(ticks);
+            })
+        };
+        assert_eq!(own(10, 10), "ok");
+        assert!(own(11, 0).starts_with("limited: "));
+        assert!(
+            own(0, 11).contains("its largest power in 11"),
+            "{}",
+            own(0, 11)
+        );
+    }
+
+    /// A console that let go by itself is not excused by somebody who stops it then.
+    #[test]
+    fn a_stop_counts_for_a_console_that_runs() {
+        let disarm = Order::Command(Command::Disarm);
+        let rests = State {
+            mode: Mode::Idle,
+            ..state(2, 0.0, 0.0)
+        };
+        let mut tally = Statistics::new(200.0);
+        tally.state(&state(1, 0.0, 0.0));
+        tally.order(&disarm, "page 1");
+        assert_eq!(tally.stopped_by(), Some("page 1"));
+        tally.state(&rests);
+        assert!(status(&tally).starts_with("stopped: safe stop by page 1"));
+        tally.order(&Order::Command(Command::Arm), "page 1");
+        assert_eq!(tally.stopped_by(), None);
+        let mut tally = Statistics::new(200.0);
+        tally.state(&rests);
+        tally.order(&disarm, "page 1");
+        assert!(status(&tally).starts_with("idle: "));
+        assert_eq!(
+            tally
+                .summary(&LinkCounters::default(), 1000)
+                .safe_stops
+                .len(),
+            1
+        );
+    }
+
     /// A wall of the console's own is felt all the time.
     #[test]
     fn a_fixtures_force_is_not_that_of_the_scene() {
@@ -908,7 +1004,7 @@ mod tests {
             let solved = in_contact(force_n);
             let state = state(0, 0.0, 0.0);
             solved
-                .frames(&state, 40_000, super::super::Rendering::Hold)
+                .frames(&state, 40_000, Rendering::Hold)
                 .expect("a contact")
                 .contact
         };
@@ -918,11 +1014,11 @@ mod tests {
             tally.frame(us, &frame(1.0));
             tally.fate(&sent(us), Fate::TooLate { age_us: 90_000 });
         }
-        assert!(status(&tally).starts_with(NOT_RENDERED));
+        assert!(status(&tally).starts_with(EndingKind::NotRendered.word()));
         // One without a force, in time, is none that was felt.
         tally.frame(51, &frame(0.0));
         tally.fate(&sent(51), Fate::Used { age_us: 5_000 });
-        assert!(status(&tally).starts_with(NOT_RENDERED));
+        assert!(status(&tally).starts_with(EndingKind::NotRendered.word()));
         tally.frame(52, &frame(1.0));
         tally.fate(&sent(52), Fate::Used { age_us: 5_000 });
         assert_eq!(status(&tally), "ok");

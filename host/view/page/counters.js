@@ -2,6 +2,9 @@
 
 import { fixed } from './units.js';
 
+/** Limits of a device, by their key. @type {Record<string, string | undefined>} */
+const LIMITS = { force: 'largest force', power: 'largest power', speed: 'largest speed', slew: 'slew' };
+
 /**
  * Names and values.
  * @param {import('./link.js').Gauges} gauges
@@ -14,6 +17,7 @@ export function counters(gauges, status, statuses, boardRowsHz) {
   const whole = (/** @type {number | null | undefined} */ value) => (value?.toLocaleString('en') ?? '–');
   const ms = (/** @type {import('./link.js').Percentiles | undefined} */ both) => (both ? `${fixed(both.p50 / 1000, 2)} / ${fixed(both.p99 / 1000, 2)} ms` : '–');
   const hz = (/** @type {number | null | undefined} */ value) => (Number.isFinite(value) ? `${fixed(value, 0)} Hz` : '–');
+  const limited = Object.entries(gauges.ticks_limited ?? {}).filter(([, count]) => count !== null && count > 0);
   const withheld = Object.entries(gauges.withheld).filter(([, count]) => count > 0);
   return [
     ['Solver', status ? (statuses[status.word] ?? '–') : '–'],
@@ -29,6 +33,7 @@ export function counters(gauges, status, statuses, boardRowsHz) {
     ['Least energy', gauges.energy_min_j === null ? '–' : `${fixed(1000 * gauges.energy_min_j, 3)} mJ`],
     ['Ticks late', whole(gauges.ticks_late)],
     ['Tick overruns', whole(gauges.tick_overruns)],
+    ...limited.map(([name, count]) => /** @type {[string, string]} */ ([`Ticks cut by the device's ${LIMITS[name] ?? name}`, whole(count)])),
     ['Frames of rows, sent / board takes', `${hz(gauges.rows_hz)} / ${hz(boardRowsHz)}`],
     ['Frames lost', whole(gauges.frames.lost)],
     ['Frames rejected', whole(gauges.frames.rejected)],

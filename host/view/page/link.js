@@ -66,6 +66,7 @@ import { FORMAT, decode } from './decode.js';
  * @property {number | null} tick_overruns
  * @property {Record<'lost' | 'rejected' | 'late' | 'superseded', number | null | undefined>} frames
  * @property {Record<string, number>} withheld
+ * @property {Record<string, number | null> | null} [ticks_limited] ticks in which a limit of the device took a part of the force away, by limit
  * @property {number | null} energy_j
  * @property {number | null} energy_min_j
  * @property {number | null} force_n

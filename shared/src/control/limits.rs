@@ -30,13 +30,12 @@ pub struct TicksLimited {
     pub slew: u32,
 }
 
-/// Limits that took a part of one tick's force away.
-#[derive(Clone, Copy, Debug, Default)]
-struct Cuts {
-    force: bool,
-    power: bool,
-    speed: bool,
-    slew: bool,
+/// Limits that took a part of one tick's force away, as bits.
+mod cuts {
+    pub const FORCE: u8 = 1;
+    pub const POWER: u8 = 2;
+    pub const SPEED: u8 = 4;
+    pub const SLEW: u8 = 8;
 }
 
 /// The limits of one console, and what they remember.
@@ -54,8 +53,10 @@ pub(super) struct Limits {
     fast_ticks: u8,
     /// Smallest part of the largest speed within the last two ticks: a single wrong count fades nothing.
     speed: [f32; 2],
-    /// Of the tick under way.
-    cuts: Cuts,
+    /// Square of the force from which on one counts as cut \[N^2\].
+    cut_square: f32,
+    /// Of the tick under way, bits of [`cuts`].
+    cuts: u8,
     ticks: TicksLimited,
 }
 
@@ -70,7 +71,13 @@ impl Limits {
             before: Vec3::zeros(),
             fast_ticks: 0,
             speed: [0.0; 2],
-            cuts: Cuts::default(),
+            cut_square: if guards.force {
+                let from_n = device.max_force_n * CUT_FROM;
+                from_n * from_n
+            } else {
+                f32::INFINITY
+            },
+            cuts: 0,
             ticks: TicksLimited::default(),
         }
     }
@@ -87,17 +94,18 @@ impl Limits {
 
     /// Counts a tick under power. `saturated`: a motor had no room for all of its force.
     pub fn count(&mut self, saturated: bool) {
-        let Cuts {
-            force,
-            power,
-            speed,
-            slew,
-        } = self.cuts;
-        let add = |ticks: &mut u32, cut| *ticks = ticks.wrapping_add(u32::from(cut));
-        add(&mut self.ticks.force, force || saturated);
-        add(&mut self.ticks.power, power);
-        add(&mut self.ticks.speed, speed);
-        add(&mut self.ticks.slew, slew);
+        let cuts = self.cuts | if saturated { cuts::FORCE } else { 0 };
+        // Most ticks have none.
+        if cuts == 0 {
+            return;
+        }
+        let add = |ticks: &mut u32, cut: u8| {
+            *ticks = ticks.wrapping_add(u32::from(cuts & cut != 0));
+        };
+        add(&mut self.ticks.force, cuts::FORCE);
+        add(&mut self.ticks.power, cuts::POWER);
+        add(&mut self.ticks.speed, cuts::SPEED);
+        add(&mut self.ticks.slew, cuts::SLEW);
     }
 
     /// Whether the grip has been too fast for too long. To be asked once a tick; `armed`: it is under power.
@@ -127,24 +135,25 @@ impl Limits {
     /// A force \[N\] within force and power, faded where the grip is too fast.
     pub fn bound(&mut self, force: &Vec3, velocity: &Vec3) -> Vec3 {
         let mut bounded = self.shortened(force, 1.0);
-        let square = dot(&bounded, &bounded);
-        let cut_from = self.max_force_n * CUT_FROM;
-        self.cuts = Cuts {
-            force: self.guards.force && square >= cut_from * cut_from,
-            ..Cuts::default()
+        self.cuts = if dot(force, force) >= self.cut_square {
+            cuts::FORCE
+        } else {
+            0
         };
         if self.guards.power {
             let power = dot(&bounded, velocity).abs();
             if power > self.max_power_w {
                 bounded *= self.max_power_w / power;
-                self.cuts.power = true;
+                self.cuts |= cuts::POWER;
             }
         }
         if self.guards.overspeed {
             let [newest, before] = self.speed;
             let over = min(newest, before) - FADE_FROM;
+            if over > 0.0 && dot(force, force) > 0.0 {
+                self.cuts |= cuts::SPEED;
+            }
             bounded *= 1.0 - clamp(over * (1.0 / (1.0 - FADE_FROM)), 0.0, 1.0);
-            self.cuts.speed = over > 0.0 && square > 0.0;
         }
         bounded
     }
@@ -181,9 +190,9 @@ impl Limits {
                     share
                 }
             });
-        self.cuts.slew = share < 1.0;
         // All of it without rounding.
         if share < 1.0 {
+            self.cuts |= cuts::SLEW;
             self.before + change * share
         } else {
             *force

@@ -287,6 +287,18 @@ impl Figures {
         said
     }
 
+    /// Ticks in which a limit of the device took a part of the force away, by limit, where there are any.
+    pub fn limited(&self) -> Vec<(String, u64)> {
+        let limits = self.gauges["ticks_limited"]
+            .as_object()
+            .into_iter()
+            .flatten();
+        limits
+            .filter_map(|(name, count)| Some((name.clone(), count.as_u64()?)))
+            .filter(|(_, count)| *count > 0)
+            .collect()
+    }
+
     /// What has happened, the newest last.
     pub fn events(&self) -> impl DoubleEndedIterator<Item = &str> {
         self.events.iter().map(String::as_str)

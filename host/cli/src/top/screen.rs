@@ -260,6 +260,10 @@ fn left_lines(figures: &Figures) -> Vec<Line<'static>> {
         let each = solves.iter().map(|(word, count)| format!("{word} {count}"));
         each.collect::<Vec<_>>().join("  ")
     };
+    let cut = figures.limited().into_iter();
+    let cut: String = cut
+        .map(|(limit, count)| format!(", {count} cut by {limit}"))
+        .collect();
     let wanted = figures
         .wanted_hz()
         .map_or(NONE.to_owned(), |hz| format!("{hz:.0}"));
@@ -297,7 +301,7 @@ fn left_lines(figures: &Figures) -> Vec<Line<'static>> {
         line(
             "ticks",
             format!(
-                "{} late, {} overruns",
+                "{} late, {} overruns{cut}",
                 number(&["ticks_late"], 0),
                 number(&["tick_overruns"], 0)
             ),

@@ -1,0 +1,512 @@
+//! Ways in which a session ends: none is `ok` where limits cut the force, a tool was inside, or what was felt and what was touched
+//! are not the same.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use crate::support::session::{Plane, device, patient, plan, undisturbed};
+use crate::support::{sutura, sutura_in};
+use serde_json::{Map, Value};
+use std::ops::ControlFlow;
+use std::path::Path;
+use sutura_hil::{NativeConsole, VirtualConsole};
+use sutura_host::link::Order;
+use sutura_host::session::{
+    EndingKind, Line, Plan, Progress, Solve, Solved, Steer, Steered, Summary, run_lockstep,
+    run_real_time, run_steered,
+};
+use sutura_host::step::{Status, ToolContact};
+use sutura_shared::wire::Valid;
+use sutura_shared::wire::message::{Command, State};
+use sutura_testkit::{Random, full};
+
+/// A ball that a hand presses 8 mm into a slab; the modulus \[Pa\], and the device.
+fn press(youngs_modulus_pa: f64, device: &str) -> String {
+    format!(
+        r#"
+name = "A press"
+seconds = 0.8
+device = "{device}"
+host = {{ host_hz = 100.0 }}
+
+[mesh.slab]
+size_m = [0.06, 0.06, 0.03]
+divisions = [6, 6, 3]
+
+[tissue]
+model = "linear"
+youngs_modulus_pa = {youngs_modulus_pa:?}
+poisson_ratio = 0.4
+
+[[fixed]]
+plane = {{ axis = "z", at_m = -0.03 }}
+
+[[tool]]
+radius_m = 0.036
+
+[hand]
+stiffness_n_per_m = 2000.0
+damping_n_s_per_m = 10.0
+way_point = [{{ time_s = 0.0, position_m = [0.0, 0.0, 0.037] }}, {{ time_s = 0.3, position_m = [0.0, 0.0, 0.028] }}]
+"#
+    )
+}
+
+/// What `sutura run --lockstep --format json` comes to with this scene: code, summary, stderr.
+fn run(folder: &Path, scene: &str, more: &[&str]) -> (i32, Value, String) {
+    std::fs::write(folder.join("scene.toml"), scene).unwrap();
+    let line = ["run", "scene.toml", "--lockstep", "--format", "json"];
+    let ran = sutura_in(folder, &[&line[..], more].concat());
+    (ran.code, ran.json(), ran.stderr)
+}
+
+fn word(summary: &Value) -> &str {
+    let status = summary["status"].as_str().unwrap();
+    status.split_once(':').map_or(status, |(word, _)| word)
+}
+
+/// The arm gives 2 N at most, where the bench console gives more: the summary, the table and a replay say in how many ticks.
+#[test]
+fn a_force_that_the_device_cuts_off_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let (code, free, _) = run(folder.path(), &press(20e3, "cartesian-bench"), &[]);
+    assert_eq!((code, word(&free)), (0, "ok"), "{}", free["status"]);
+    assert_eq!(free["ticks_limited"]["force"], 0);
+    let due_n = free["force_n"]["peak"].as_f64().unwrap();
+    assert!(due_n > 2.3, "{due_n} N");
+
+    let scene = press(20e3, "serial-arm");
+    let record = ["--record", "press.mcap"];
+    let (code, cut, stderr) = run(folder.path(), &scene, &record);
+    assert_eq!((code, word(&cut)), (0, "limited"), "{stderr}");
+    let limited = &cut["ticks_limited"];
+    assert!(limited["force"].as_u64() > Some(100), "{limited}");
+    assert!(limited["power"].is_u64() && limited["slew"].is_u64());
+    let [peak_n, solved_n] =
+        ["peak", "solved_peak"].map(|key| cut["force_n"][key].as_f64().unwrap());
+    assert!(
+        (peak_n - 2.0).abs() < 1e-3 && solved_n > 2.2,
+        "{peak_n} of {solved_n} N"
+    );
+    for words in ["limited: ", "largest force, 2 N", "press less deep"] {
+        assert!(stderr.contains(words), "{words}: {stderr}");
+    }
+    let table = sutura_in(folder.path(), &["run", "scene.toml", "--lockstep"]);
+    let row = format!("limited    force in {} ticks", limited["force"]);
+    assert!(table.stdout.contains(&row), "{}", table.stdout);
+    let replayed = sutura_in(folder.path(), &["replay", "press.mcap", "--format", "json"]);
+    assert_eq!(replayed.code, 0, "{}", replayed.stderr);
+    assert_eq!(&replayed.json()["console"]["ticks_limited"], limited);
+}
+
+/// Pa where kPa were meant: nobody feels it, and the run says so.
+#[test]
+fn tissue_that_nobody_feels_is_no_success() {
+    let folder = tempfile::tempdir().unwrap();
+    for modulus_pa in [12.0, 0.012] {
+        let scene = press(modulus_pa, "cartesian-bench");
+        let (code, summary, stderr) = run(folder.path(), &scene, &[]);
+        assert_eq!((code, word(&summary)), (8, "faint"), "{stderr}");
+        assert!(summary["contact_steps"].as_u64() > Some(25));
+        assert!(stderr.contains("is the modulus in Pa?"), "{stderr}");
+    }
+    // Where nothing was touched nothing is too soft.
+    let away = press(12.0, "cartesian-bench").replace("0.028]", "0.0365]");
+    let (code, summary, stderr) = run(folder.path(), &away, &[]);
+    assert_eq!((code, word(&summary)), (0, "ok"), "{stderr}");
+    assert!(stderr.contains("nothing was touched"), "{stderr}");
+}
+
+/// A shaft so thin that a step follows 30 um of its way: its hand feels no force of geometry that nobody has solved, and the session
+/// does not pass for a success.
+#[test]
+fn a_shaft_that_lags_behind_its_hand_feels_nothing_foretold() {
+    let scene = r#"
+name = "A needle pushed by a shaft"
+seconds = 5.0
+device = "cartesian-bench"
+host = { host_hz = 125.0, horizon_ms = 60.0 }
+
+[mesh.slab]
+size_m = [0.03, 0.03, 0.012]
+divisions = [8, 8, 3]
+
+[tissue]
+model = "linear"
+youngs_modulus_pa = 30e3
+poisson_ratio = 0.45
+
+[tissue.needle]
+surface_friction = 0.2
+friction_n_per_m = 15.0
+cutting_pa = 1e5
+puncture_pa = 5e5
+
+[[fixed]]
+plane = { axis = "z", at_m = -0.012 }
+
+[[tool]]
+id = 0
+shape = "grip"
+body = { radius_m = 0.000002, length_m = 0.04, axis = [0.0, 1.0, 0.0], offset_m = [0.0, 0.02, 0.0] }
+
+[[tool]]
+id = 1
+shape = "grip"
+way_point = [
+  { time_s = 0.1, position_m = [0.0013, 0.0007, 0.032] },
+  { time_s = 1.0, position_m = [0.0013, 0.0007, 0.020] },
+  { time_s = 1.3, position_m = [0.0013, 0.0007, 0.020] },
+  { time_s = 1.8, position_m = [0.0013, 0.0307, 0.040] },
+]
+
+[[needle]]
+shape = "straight"
+length_m = 0.03
+thickness_m = 0.0008
+end_m = [0.0013, 0.0007, 0.032]
+direction = [0.0, 0.0, -1.0]
+body = true
+hold = [{ time_s = 0.0, tool = 1 }, { time_s = 1.2 }]
+
+[[body_contact]]
+between = [{ needle = 0 }, { tool = 0 }]
+
+[hand]
+stiffness_n_per_m = 1000.0
+damping_n_s_per_m = 10.0
+way_point = [
+  { time_s = 0.0, position_m = [-0.02, 0.002, 0.008] },
+  { time_s = 1.8, position_m = [-0.01, 0.002, 0.008] },
+  { time_s = 3.5, position_m = [0.006, 0.002, 0.008] },
+  { time_s = 5.0, position_m = [-0.02, 0.002, 0.008] },
+]
+"#;
+    let folder = tempfile::tempdir().unwrap();
+    let (code, summary, stderr) = run(folder.path(), scene, &[]);
+    let felt_n = summary["force_n"]["peak"].as_f64().unwrap();
+    let solved_n = summary["force_n"]["solved_peak"].as_f64().unwrap();
+    assert!(felt_n <= 1.1 * solved_n + 0.005, "{felt_n} of {solved_n} N");
+    assert!(summary["steps_outrun"].as_u64() > Some(50), "{summary}");
+    assert_eq!((code, word(&summary)), (8, "behind"), "{stderr}");
+    assert!(stderr.contains("by more than they touched"), "{stderr}");
+}
+
+/// A plane of springs as a solver that is right in some steps.
+#[derive(Clone, Copy, Debug)]
+struct Drawn {
+    stiffness_n_per_m: f64,
+    max_force_n: f64,
+    max_power_w: f64,
+    /// Part of the steps in contact that end inside.
+    inside: f64,
+    /// Whether steps foretell a contact that none of them finds.
+    ghost: bool,
+    /// Whether frames carry a force.
+    mute: bool,
+    seed: u64,
+}
+
+struct Springs {
+    drawn: Drawn,
+    random: Random,
+    inside: u64,
+    touched: u64,
+    largest_n: f64,
+}
+
+impl Solve for Springs {
+    fn solve(&mut self, state: &Valid<State>) -> Solved {
+        let z = f64::from(state.body().position_m[2]);
+        let Drawn {
+            stiffness_n_per_m,
+            inside,
+            ghost,
+            ..
+        } = self.drawn;
+        let is_in = z < 0.0;
+        if is_in && self.random.chance(inside) {
+            self.inside += 1;
+            return Solved {
+                status: Status::Inside,
+                touched: true,
+                ..Solved::default()
+            };
+        }
+        let touched = is_in && !ghost;
+        let mut contact = ToolContact {
+            normal: [0.0, 0.0, 1.0],
+            gap_m: if ghost { 1e-4 } else { z.max(0.0) },
+            ..ToolContact::default()
+        };
+        if touched {
+            contact.wrench[2] = -stiffness_n_per_m * z;
+            self.touched += 1;
+            self.largest_n = self.largest_n.max(contact.wrench[2]);
+        }
+        contact.tangent[2][2] = -stiffness_n_per_m;
+        Solved {
+            // Far above the place that it is for a frame has let go.
+            position_m: match self.drawn.mute {
+                true => [0.0, 0.0, -9.0],
+                false if ghost => [0.0, 0.0, z.max(1e-3) as f32],
+                false => state.body().position_m,
+            },
+            contact: Some(contact),
+            status: Status::Ok,
+            touched,
+            presses: touched,
+            ..Solved::default()
+        }
+    }
+
+    fn scene(&self) -> Map<String, Value> {
+        Map::new()
+    }
+}
+
+/// The session of a draw, its solver, and the ticks that the console's limits cut by force and by power.
+fn session(drawn: Drawn) -> (Summary, Springs, [u32; 2]) {
+    let plan = plan(0.9);
+    let mut device = device();
+    (device.max_force_n, device.max_power_w) = (drawn.max_force_n as f32, drawn.max_power_w as f32);
+    let plan = Plan { device, ..plan };
+    let mut console = NativeConsole::new(&device).unwrap();
+    let mut solver = Springs {
+        drawn,
+        random: Random::new(drawn.seed),
+        inside: 0,
+        touched: 0,
+        largest_n: 0.0,
+    };
+    let go_on = |_: &Progress<'_>| ControlFlow::Continue(());
+    let summary = run_lockstep(&mut console, &plan, &mut solver, go_on).unwrap();
+    let ticks = console.console().control().ticks_limited();
+    (summary, solver, [ticks.force, ticks.power])
+}
+
+const SOUND: Drawn = Drawn {
+    stiffness_n_per_m: 300.0,
+    max_force_n: 10.0,
+    max_power_w: 5.0,
+    inside: 0.0,
+    ghost: false,
+    mute: false,
+    seed: 1,
+};
+
+/// Each ending has its word, and its word alone.
+#[test]
+fn each_ending_has_its_word() {
+    use EndingKind::{Faint, Inside, Limited, NotRendered, Ok, Untouched};
+    let soft = SOUND.stiffness_n_per_m * 1e-5;
+    for (kind, drawn) in [
+        (Ok, SOUND),
+        (
+            Limited,
+            Drawn {
+                max_force_n: 1.5,
+                ..SOUND
+            },
+        ),
+        (
+            Limited,
+            Drawn {
+                max_power_w: 0.01,
+                ..SOUND
+            },
+        ),
+        (
+            Inside,
+            Drawn {
+                inside: 0.05,
+                ..SOUND
+            },
+        ),
+        (
+            NotRendered,
+            Drawn {
+                inside: 0.5,
+                ..SOUND
+            },
+        ),
+        (
+            NotRendered,
+            Drawn {
+                mute: true,
+                ..SOUND
+            },
+        ),
+        (
+            Untouched,
+            Drawn {
+                ghost: true,
+                ..SOUND
+            },
+        ),
+        (
+            Faint,
+            Drawn {
+                stiffness_n_per_m: soft,
+                ..SOUND
+            },
+        ),
+    ] {
+        let (summary, _, _) = session(drawn);
+        assert_eq!(summary.ending.kind, kind, "{drawn:?}: {}", summary.status);
+        assert!(
+            summary.status.starts_with(kind.word()),
+            "{}",
+            summary.status
+        );
+    }
+}
+
+/// No session ends `ok` when more than ten ticks were cut by force or power, a tool was inside, or a contact was found and
+/// nothing felt, or the other way round.
+#[test]
+fn no_session_that_ends_ok_was_cut_inside_or_felt_otherwise() {
+    let seed = std::env::var("PROPTEST_RNG_SEED").ok();
+    let seed = seed.and_then(|seed| seed.parse().ok()).unwrap_or(1);
+    let cases = if full() { 2000 } else { 60 };
+    println!("PROPTEST_RNG_SEED={seed}");
+    let mut random = Random::new(seed);
+    let mut good = 0;
+    for _ in 0..cases {
+        let drawn = Drawn {
+            stiffness_n_per_m: 10f64.powf(random.between(-3.0, 3.5)),
+            max_force_n: random.between(0.5, 10.0),
+            max_power_w: 10f64.powf(random.between(-2.5, 0.7)),
+            inside: if random.chance(0.3) {
+                random.unit()
+            } else {
+                0.0
+            },
+            ghost: random.chance(0.1),
+            mute: random.chance(0.1),
+            seed: random.bits(),
+        };
+        let (summary, solver, [force, power]) = session(drawn);
+        let said = format!("{drawn:?}: {}, {:?}", summary.status, summary.force_n);
+        let ticks = summary.ticks_limited;
+        assert_eq!(
+            (ticks.force, ticks.power),
+            (force.into(), Some(power.into())),
+            "{said}"
+        );
+        if summary.status != "ok" {
+            continue;
+        }
+        good += 1;
+        assert!(force <= 10 && power <= 10, "{said}");
+        assert_eq!(solver.inside, 0, "{said}");
+        let felt_n = summary.force_n.peak;
+        assert!(solver.largest_n < 0.05 || felt_n > 5e-3, "{said}");
+        assert!(solver.touched > 0 || felt_n <= 0.05, "{said}");
+        // Ten ticks are beyond doubt where states say so by themselves.
+        assert!(felt_n <= drawn.max_force_n * (1.0 + 1e-6), "{said}");
+    }
+    println!("{good} of {cases} ended ok");
+}
+
+/// In this process the console counts by itself; behind a port its states tell of the largest force alone.
+#[test]
+fn over_a_port_states_tell_of_the_largest_force_alone() {
+    let plan = plan(0.6);
+    let mut device = device();
+    device.max_force_n = 1.0;
+    let plan = Plan { device, ..plan };
+    for is_asked in [true, false] {
+        let (summary, told) = undisturbed(|| {
+            let mut console = VirtualConsole::start_in_memory(&device).unwrap();
+            let line = Line::Once {
+                port: console.host_port().unwrap(),
+                attendant: None,
+                limits: is_asked.then(|| console.limits()),
+            };
+            let mut told = None;
+            let ran = run_real_time(line, patient(), &plan, &mut Plane, |note| {
+                told = Some(note.limited);
+                ControlFlow::Continue(())
+            });
+            Some((ran.ok()?, told?))
+        });
+        let ticks = summary.ticks_limited;
+        assert_eq!(
+            [ticks.power, ticks.speed, ticks.slew].map(|count| count.is_some()),
+            [is_asked; 3]
+        );
+        assert_eq!(told.power.is_some(), is_asked);
+        // A machine that is late may let the console go before it is pressed.
+        if summary.force_n.peak > 0.9999 {
+            assert!(ticks.force > 0, "{ticks:?}");
+        }
+    }
+}
+
+/// Stops the console at a tick, and arms it again at another.
+struct Stopper {
+    stop: u64,
+    arm: Option<u64>,
+}
+
+impl Steer for Stopper {
+    fn steer(&mut self, now: &Steered<'_>, orders: &mut Vec<Order>) -> ControlFlow<()> {
+        if now.ticks == self.stop {
+            orders.push(Order::Command(Command::Disarm));
+        }
+        if Some(now.ticks) == self.arm {
+            orders.push(Order::Command(Command::Arm));
+        }
+        ControlFlow::Continue(())
+    }
+
+    fn person(&self) -> String {
+        "page 7".to_owned()
+    }
+}
+
+/// A console that a person stopped did not let go, and who it was is in the summary, also where it was armed again.
+#[test]
+fn a_safe_stop_is_in_the_summary_with_its_person() {
+    let stopped = |arm: Option<u64>| {
+        let mut console = NativeConsole::new(&device()).unwrap();
+        let mut steer = Stopper { stop: 500, arm };
+        let go_on = |_: &Progress<'_>| ControlFlow::Continue(());
+        run_steered(&mut console, &plan(1.2), &mut Plane, go_on, &mut steer).unwrap()
+    };
+    let rests = stopped(None);
+    assert_eq!(rests.status, "stopped: safe stop by page 7 at 0.50 s");
+    assert_eq!(rests.mode, "idle");
+    let armed = stopped(Some(700));
+    assert_eq!(
+        (armed.status.as_str(), armed.mode.as_str()),
+        ("ok", "armed")
+    );
+    for summary in [rests, armed] {
+        let stops: Vec<_> = summary.safe_stops.iter().collect();
+        assert_eq!(stops.len(), 1);
+        assert_eq!((stops[0].by.as_str(), stops[0].at_s), ("page 7", 0.5));
+    }
+}
+
+/// `sutura schema run` and the help say what a status may be.
+#[test]
+fn the_words_of_a_status_are_described() {
+    let described = sutura(&["schema", "run"]).stdout;
+    for kind in [
+        EndingKind::Fault,
+        EndingKind::NotRendered,
+        EndingKind::Inside,
+        EndingKind::Untouched,
+        EndingKind::Behind,
+        EndingKind::Faint,
+        EndingKind::Stopped,
+        EndingKind::Idle,
+        EndingKind::Limited,
+        EndingKind::Ok,
+    ] {
+        assert!(
+            described.contains(&format!("`{}`", kind.word())),
+            "{kind:?}"
+        );
+    }
+}
