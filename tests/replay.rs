@@ -314,6 +314,54 @@ fn a_changed_contact_is_found_where_it_was_heard_and_where_it_was_solved() {
     assert_eq!(host.diverged_at, Some((time_us / 1000) as u32));
 }
 
+/// Of the last seconds of a session what needs no past is compared: all ticks where its opening is in the file, else their poses;
+/// of solves the contacts that went down.
+#[test]
+fn the_last_seconds_are_compared_as_far_as_they_go() {
+    let folder = TempDir::new().unwrap();
+    let mut recording = in_lockstep("palpation.toml", 1.2, &folder.path().join("a.mcap"));
+    recording.about.begins = Begins::Later;
+    let console = of_console(&recording);
+    assert_eq!((console.why, console.poses), (None, 0));
+    assert!(console.ticks > 1000 && console.verified_ticks == console.ticks);
+    let host = of_host(&recording);
+    assert_eq!((host.verified_steps, host.unverifiable_from), (0, Some(1)));
+    assert!(
+        host.contacts > 200 && host.contacts <= host.steps,
+        "{host:?}"
+    );
+
+    // What opened it is gone.
+    let opens = |frame: &Frame| {
+        look(frame).is_some_and(|(.., state)| state.is_some_and(|state| state.tick == 400))
+    };
+    let first = recording.frames.iter().position(opens).unwrap();
+    recording.frames.drain(..first);
+    let console = of_console(&recording);
+    assert_eq!((console.verified_ticks, console.poses), (0, console.ticks));
+    assert!(console.ticks > 700 && console.diverged_at.is_none());
+    assert_eq!(console.unverifiable_from, Some(400));
+    assert!(console.why.unwrap().contains("last seconds"));
+
+    let mut changed = recording.clone();
+    change_state(&mut changed, 900, |state| state.position_m[2] += 1e-6);
+    let console = of_console(&changed);
+    assert_eq!((console.diverged_at, console.poses), (Some(900), 500));
+
+    let mut changed = recording.clone();
+    let (place, time_us) = (0..)
+        .zip(&changed.solves)
+        .filter_map(|(place, (_, solve))| {
+            Some((place, solve.wrench.map(|_| solve.console_time_us)?))
+        })
+        .nth(100)
+        .unwrap();
+    changed.solves[place].1.wrench.as_mut().unwrap()[2] += 1e-3;
+    let host = of_host(&changed);
+    assert_eq!(host.diverged_step, Some(place as u64 + 1), "{host:?}");
+    assert_eq!(host.diverged_at, Some((time_us / 1000) as u32));
+}
+
 #[test]
 fn a_changed_solve_and_a_changed_pose_are_found_at_their_step() {
     let folder = TempDir::new().unwrap();
@@ -900,7 +948,53 @@ fn the_last_seconds_are_saved_when_the_console_is_lost() {
         .iter()
         .filter(|frame| frame.direction == Direction::Up);
     assert!(up.count() > 0);
-    let ran = sutura(&["replay", last.to_str().unwrap(), "--verify"]);
-    assert_eq!(ran.code, 1, "{}", ran.stderr);
-    assert!(ran.stderr.contains("last seconds"), "{}", ran.stderr);
+    for more in [&[][..], &["--verify"]] {
+        let ran = sutura(&[&["replay", last.to_str().unwrap()], more].concat());
+        assert_eq!(ran.code, 9, "{}", ran.stderr);
+        assert!(ran.stderr.contains("last seconds"), "{}", ran.stderr);
+    }
+}
+
+/// A file of the last seconds is no success for scripts; what it cannot give is said before any work, and before a browser starts.
+#[test]
+fn what_a_file_of_the_last_seconds_cannot_give_is_said_at_once() {
+    let folder = TempDir::new().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (whole, last) = (path("a.mcap"), path("last.mcap"));
+    let ran = sutura(&["run", "--lockstep", "--seconds", "0.5", "--record", &whole]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let bytes = std::fs::read(&whole).unwrap();
+    let mut words = Recording::read(Path::new(&whole)).unwrap().about.words();
+    words.insert("begins".to_owned(), "later".to_owned());
+    std::fs::write(&last, with_words(&bytes, &words)).unwrap();
+
+    let ran = sutura(&["replay", &last, "--format", "json"]);
+    assert_eq!(ran.code, 9, "{}", ran.stderr);
+    let object = ran.json();
+    assert_eq!(object["console"]["verified_ticks"], object["ticks"]);
+    assert_eq!(object["host"]["verified_steps"], 0);
+    assert!(object["host"]["contacts"].as_u64() > Some(50), "{object}");
+    for words in ["cannot be run again", "last seconds", "--record"] {
+        assert!(ran.stderr.contains(words), "{}", ran.stderr);
+    }
+    let (png, series) = (path("a.png"), path("series"));
+    for asked in [
+        &["view", &last, "--shot", &png][..],
+        &["replay", &last, "--series", &series],
+    ] {
+        let ran = sutura(asked);
+        assert_eq!(ran.code, 9, "{asked:?}: {}", ran.stderr);
+        for words in ["last.mcap holds the last seconds", "--record"] {
+            assert!(ran.stderr.contains(words), "{}", ran.stderr);
+        }
+        assert!(!ran.stderr.contains("see it"), "{}", ran.stderr);
+    }
+    assert!(!Path::new(&png).exists() && !Path::new(&series).exists());
+
+    // Of a whole one there is no picture of after its end.
+    for at in ["8", "0.51", "-1", "nan"] {
+        let ran = sutura(&["view", &whole, "--shot", &png, &format!("--at={at}")]);
+        assert_eq!(ran.code, 2, "{at}: {}", ran.stderr);
+        assert!(!ran.stderr.contains("see it"), "{at}: {}", ran.stderr);
+    }
 }

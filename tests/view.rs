@@ -300,6 +300,83 @@ fn a_sandbox_does_what_its_page_asks_for() {
     assert_eq!(replayed.code, 0, "{}{}", replayed.stdout, replayed.stderr);
 }
 
+/// Word of the solver in a picture's status.
+fn word(picture: &[u8], hello: &Value) -> String {
+    let number = usize::from(section(picture, 7)[0]);
+    hello["statuses"][number].as_str().unwrap().to_owned()
+}
+
+/// A ball without friction that is dragged to 25 mm slips into the tissue and nothing is felt of it any more; taken out by the
+/// shortest way it is armed again, outside, where it touches as before. A safe stop keeps it from being armed.
+#[test]
+fn a_tool_that_has_slipped_in_is_taken_out_and_armed() {
+    let folder = tempdir().unwrap();
+    let scene = folder.path().join("smooth.toml");
+    let text = std::fs::read_to_string(root().join("scenes/palpation.toml")).unwrap();
+    let smooth = text.lines().filter(|line| !line.starts_with("friction"));
+    std::fs::write(&scene, smooth.collect::<Vec<_>>().join("\n")).unwrap();
+    let running = Running::start(&["view", scene.to_str().unwrap(), "--view-port", "0"]);
+    let mut client = running.client();
+    let hello = client.hello();
+    assert!(hello["do"].as_array().unwrap().contains(&json!("take_out")));
+    client.event("armed");
+    let refused = client.ask(json!({"do": "take_out"}));
+    let message = refused["error"]["message"].as_str().unwrap();
+    assert!(message.contains("not in the tissue"), "{refused}");
+
+    // Beside the middle, where the mesh is the same on no side.
+    let slips_in = |client: &mut Client| {
+        let mut depth_m = -0.01;
+        loop {
+            depth_m += 5e-4;
+            let to_m = [0.003, 0.002, 0.014 - depth_m.min(0.04)];
+            let answer = client.ask(json!({"do": "drag", "to_m": to_m}));
+            let picture = client.binary(2);
+            let word = word(&picture, &hello);
+            if ["inside", "not-converged"].contains(&word.as_str()) {
+                assert!(grip(&picture)[2] < 0.0, "{word} at {:?}", grip(&picture));
+                break;
+            }
+            assert_eq!(answer["ok"], true, "{answer}");
+        }
+        let disarmed = client.event("disarmed");
+        let words = disarmed["text"].as_str().unwrap();
+        assert!(words.contains("let go"), "{disarmed}");
+        let gauges = client.text(|value| value["kind"] == "gauges" && value["mode"] == "idle");
+        assert!(gauges["stopped_by"].is_null(), "{gauges}");
+    };
+    slips_in(&mut client);
+    client.does(json!({"do": "take_out"}));
+    client.event("armed");
+    let out = |message: &Message| match message {
+        Message::Binary(bytes) if bytes[0] == 2 && word(bytes, &hello) == "ok" => Some(grip(bytes)),
+        _ => None,
+    };
+    let at = client.until(out);
+    // By the shortest way: to 17 mm above the top, the radius and a fifth of it.
+    assert!(
+        (at[2] - 0.0168).abs() < 2e-3 && at[0].abs() < 2e-3,
+        "{at:?}"
+    );
+    // It is felt again.
+    client.does(json!({"do": "drag", "to_m": [0.0, 0.0, 0.008]}));
+    client.text(|value| value["force_n"].as_f64() > Some(0.3));
+
+    slips_in(&mut client);
+    client.does(json!({"do": "take_out"}));
+    client.does(json!({"do": "safe_stop"}));
+    let stopped = client.text(|value| value["stopped_by"].is_string());
+    assert_eq!(stopped["stopped_by"], "the page that controls");
+    let ticks = |value: &Value| value["tick"].as_u64().unwrap();
+    let later =
+        client.text(|value| value["kind"] == "gauges" && ticks(value) > ticks(&stopped) + 1500);
+    assert_eq!(
+        later["mode"], "idle",
+        "a safe stop goes before what is underway"
+    );
+    assert_eq!(running.stop().0, 0);
+}
+
 /// A page ends a recording and begins another one, of a scene that it has changed, and saves the last seconds beside them.
 #[test]
 fn a_page_changes_a_scene_records_and_saves() {
@@ -473,7 +550,9 @@ fn a_page_stops_and_arms_a_session_in_real_time() {
         assert!(0.0 < p50 && p50 <= p99, "{pinged}");
     }
     client.does(json!({"do": "safe_stop"}));
-    client.event("disarmed");
+    let disarmed = client.event("disarmed");
+    let words = "safe stop, asked for by the page that controls";
+    assert_eq!(disarmed["text"], words);
     let still = client.text(|value| value["kind"] == "gauges" && value["mode"] == "idle");
     let later = client.text(|value| value["kind"] == "gauges" && value["tick"] != still["tick"]);
     assert_eq!(later["mode"], "idle");

@@ -132,6 +132,8 @@ class Mock {
     this.faults = [];
     /** Whether the tool has slipped in. */
     this.inside = false;
+    /** Whether no balance is found. */
+    this.tooDeep = false;
     this.stoppedBy = null;
     /** Solves and latency by the clock on the wall. */
     this.wall = { wall_hz: 249.6, wall_latency_us: { p50: 5200, p99: 6100 } };
@@ -173,7 +175,7 @@ class Mock {
       kind: 'hello', format: 1, version: '0.0.0', session: this.session, source: this.recording ? 'recording' : 'live', pace: 'lockstep',
       scene: this.name, tissue: 'linear', rendering: 'rows', device: 'cartesian-bench', console: 'virtual', tick_hz: 1000, host_hz: 250, board_rows_hz: 200, horizon_ms: 20,
       nodes: 3969, cells: 16000, bounds_m: this.scene.bounds, role: client === this.controller ? 'control' : 'watch', motors: client.motors ?? false, do: can,
-      mode: this.mode, faults: this.faults, stages: STAGES, statuses: ['ok', 'not-finite', 'inside'], scalars: SCALARS, tools: this.scene.tools,
+      mode: this.mode, faults: this.faults, stages: STAGES, statuses: ['ok', 'not-finite', 'inside', 'not-converged'], scalars: SCALARS, tools: this.scene.tools,
       needles: this.scene.needles, threads: this.scene.threads, settings: this.settings, scenes: ['slab', 'tube'], tissues: ['linear', 'corotational'],
       fixes: { e_stop: { message: 'The emergency stop is pressed.', help: 'Release it, then clear the fault and arm.' } },
       time_line: this.recording
@@ -245,7 +247,7 @@ class Mock {
     return pictureBytes({
       sequence: this.sequence, time: this.time, geometry: this.session, displacement, scalar, values,
       tools: this.scene.tools.map((tool) => this.tool(tool)), needles: this.needles(), threads: this.threads(), contacts: this.contacts(displacement),
-      grip: this.grip, energy: 0.5 * this.depth() * Math.hypot(...this.force), touching: this.depth() > 0 && !this.inside, word: this.inside ? 2 : 0, recorded: this.recording,
+      grip: this.grip, energy: 0.5 * this.depth() * Math.hypot(...this.force), touching: this.depth() > 0 && !this.inside, word: this.inside ? 2 : this.tooDeep ? 3 : 0, recorded: this.recording,
     });
   }
 
@@ -389,7 +391,7 @@ class Client {
         break;
       case 'take_out':
         mock.target = null;
-        mock.inside = false;
+        mock.inside = mock.tooDeep = false;
         mock.mode = 'armed';
         break;
       case 'clear_fault':

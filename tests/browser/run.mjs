@@ -13,16 +13,17 @@ const BROWSERS = ['/usr/bin/chromium', '/usr/bin/chromium-browser', '/usr/bin/go
 const MOST_BYTES = 150_000;
 const HELP = `Tests the page of \`sutura view\` in a headless browser.
 
-  node tests/browser/run.mjs --sutura PATH_TO_BINARY --out DIR [--only WORD] [--checkout] [--minutes M] [--book]
+  node tests/browser/run.mjs --sutura PATH_TO_BINARY --out DIR [--only WORD] [--checkout] [--minutes M] [--book] [--full] [--seed N]
 
 Without --sutura the program's own tests are left out, and that is said. Pictures of all tests are kept in DIR.
 --checkout takes the page's files from here instead of the binary: for working on the page without building.
 --minutes M watches memory for so long in place of one minute, once what is kept of the last one is full.
+--full takes 200 pictures of recordings in place of six, at times that are drawn with the seed.
 --book draws the program's pictures as a graphics card does, and copies those that the book shows into docs/src/view.
 SUTURA_CHROMIUM names the browser, if it is not in /usr/bin.`;
 
 const { values } = parseArgs({
-  options: { sutura: { type: 'string' }, out: { type: 'string', default: 'out/browser' }, only: { type: 'string' }, checkout: { type: 'boolean' }, minutes: { type: 'string', default: '1' }, book: { type: 'boolean' }, help: { type: 'boolean' } },
+  options: { sutura: { type: 'string' }, out: { type: 'string', default: 'out/browser' }, only: { type: 'string' }, checkout: { type: 'boolean' }, minutes: { type: 'string', default: '1' }, book: { type: 'boolean' }, full: { type: 'boolean' }, seed: { type: 'string' }, help: { type: 'boolean' } },
 });
 if (values.help) {
   console.log(HELP);
@@ -105,7 +106,7 @@ await Promise.all(suites.map(async (all) => {
   if (tests.length === 0) return;
   const browser = new Browser({ executable, out: values.out, checkout: values.checkout });
   await browser.launch();
-  for (const [name, run] of tests) await one(name, () => run({ browser, out: values.out, sutura: values.sutura, executable, book: values.book === true, minutes: Number(values.minutes) }));
+  for (const [name, run] of tests) await one(name, () => run({ browser, out: values.out, sutura: values.sutura, executable, book: values.book === true, minutes: Number(values.minutes), full: values.full === true, seed: Number(values.seed ?? Date.now() % 1e6) }));
   await browser.close();
 }));
 if (values.book) copyForBook();

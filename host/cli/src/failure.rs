@@ -27,13 +27,15 @@ pub enum Cause {
     Budget = 7,
     /// A session whose forces cannot be trusted.
     NotRendered = 8,
+    /// A recording that could not be run again.
+    NotReplayed = 9,
     /// Ctrl-C or a `kill` before a table was whole, or a second one: as shells have it.
     Interrupted = 130,
 }
 
 impl Cause {
     /// In the order of their codes.
-    pub const ALL: [Cause; 9] = [
+    pub const ALL: [Cause; 10] = [
         Cause::Failed,
         Cause::BadInput,
         Cause::NoConsole,
@@ -42,6 +44,7 @@ impl Cause {
         Cause::Diverged,
         Cause::Budget,
         Cause::NotRendered,
+        Cause::NotReplayed,
         Cause::Interrupted,
     ];
 
@@ -68,6 +71,10 @@ impl Cause {
                  are a quarter of a second's; a tool was inside the tissue; a force was felt and no step found a contact; the \
                  tool touched and the largest force is below 5 mN"
             }
+            Cause::NotReplayed => {
+                "a recording of which the ticks or the solves could not be run again, since it begins in the middle of a session or \
+                 lacks their beginning; what needs no past was compared, and is as recorded"
+            }
             Cause::Interrupted => {
                 "by Ctrl-C or `kill` before a table was whole: it has what there was by then; of other commands one before a console's first state, or a second Ctrl-C"
             }
@@ -90,6 +97,7 @@ impl Cause {
             Cause::Diverged => "diverged",
             Cause::Budget => "budget-missed",
             Cause::NotRendered => "not-rendered",
+            Cause::NotReplayed => "not-replayed",
             Cause::Interrupted => "interrupted",
         }
     }
@@ -184,6 +192,7 @@ mod tests {
             (Cause::Diverged, 6),
             (Cause::Budget, 7),
             (Cause::NotRendered, 8),
+            (Cause::NotReplayed, 9),
             (Cause::Interrupted, 130),
         ];
         for (cause, code) in pinned {

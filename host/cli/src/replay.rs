@@ -8,15 +8,17 @@ use crate::{Format, Global, display, files};
 use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
 use sutura_host::recording::replay::{
-    ConsoleVerdict, HostVerdict, NativeTicks, Replayed, Report, replay_console, replay_host,
+    ConsoleVerdict, HostVerdict, NativeTicks, Replayed, Report, compare_contacts, replay_console,
+    replay_host,
 };
-use sutura_host::recording::{About, End, Recording};
+use sutura_host::recording::{About, Begins, End, Recording};
 use sutura_host::session::SceneSolver;
 
 /// Runs a recorded session again: the console's ticks and the solver's steps, compared bit by bit.
 ///
 /// Ends with code 6 where either takes another course than was recorded, and says at which tick. What cannot be compared,
-/// because it is not in the recording, is said too. A recording that was made with another console code, or before codes
+/// because it is not in the recording, is said too; with code 9 where that is all of the ticks or of the solves, as in a file of
+/// the last seconds of a session. A recording that was made with another console code, or before codes
 /// had numbers, is not replayed and ends with code 2: the release that made it replays it.
 #[derive(Args, Debug)]
 #[command(after_help = EXAMPLES)]
@@ -66,6 +68,15 @@ pub enum Console {
 /// A file that is no recording; a divergence; with `--verify` anything that could not be compared.
 pub fn run(args: &ReplayArgs, global: &Global) -> Result<(), Failure> {
     let recording = Recording::read(&args.file).map_err(failure)?;
+    if recording.about.begins == Begins::Later {
+        if args.series.is_some() {
+            return Err(begins_later(&args.file, "no pictures can be drawn"));
+        }
+        note!(
+            "{}: it begins in the middle of a session, so that its solves cannot be run again; what needs no past is compared",
+            args.file.display()
+        );
+    }
     if let Some(folder) = &args.series {
         files::folder("--series", folder, global)?;
     }
@@ -81,6 +92,17 @@ pub fn run(args: &ReplayArgs, global: &Global) -> Result<(), Failure> {
         Format::Text => say!("{}", text(&recording, &console, &host, here)),
     }
     verdict(args, &recording, &console, &host, there.same_bits(here))
+}
+
+/// Why something cannot be made of a recording that begins in the middle of a session.
+pub fn begins_later(file: &Path, what: &str) -> Failure {
+    let message = format!(
+        "{} holds the last seconds of a session: what the solver was before is not known, and {what}",
+        file.display()
+    );
+    let help =
+        "record whole sessions: --record FILE; `sutura view` shows forces and events of this one";
+    Failure::say(Cause::NotReplayed, message, help)
 }
 
 /// What this program would write in the recording's place.
@@ -116,6 +138,9 @@ fn host(
     series: Option<(&Path, f64)>,
 ) -> Result<(HostVerdict, Option<usize>), Failure> {
     let about = &recording.about;
+    if about.begins == Begins::Later {
+        return Ok((compare_contacts(recording), None));
+    }
     let shown = crate::work::watch();
     let scene = crate::scene::recorded(recording)?;
     let mut solver = SceneSolver::for_session(&scene, &about.plan)?;
@@ -162,6 +187,12 @@ fn text(
         "  console    {} of {} ticks the same, hash {:016x}",
         console.verified_ticks, console.ticks, console.hash
     );
+    if console.poses > 0 {
+        of_console = format!(
+            "  console    poses of {} of {} ticks the same; nothing else can be compared",
+            console.poses, console.ticks
+        );
+    }
     if console.unverified_ticks > 0 {
         of_console += &format!(
             "; {} before could not be compared",
@@ -183,10 +214,16 @@ fn text(
             host.largest_difference, about.simd, here.simd
         ),
     };
-    lines.push(format!(
-        "  host       {} of {} solves the same, {of_bits}",
-        host.verified_steps, host.steps
-    ));
+    lines.push(match about.begins {
+        Begins::Later => format!(
+            "  host       {} contacts went down as they were solved; {} solves cannot be run again",
+            host.contacts, host.steps
+        ),
+        Begins::Session => format!(
+            "  host       {} of {} solves the same, {of_bits}",
+            host.verified_steps, host.steps
+        ),
+    });
     lines.join("\n")
 }
 
@@ -235,6 +272,12 @@ fn verdict(
         return Ok(());
     }
     let message = format!("cannot be compared: {}", unsure.join("; "));
+    let has_none = (console.ticks > 0 && console.verified_ticks == 0)
+        || (host.steps > 0 && host.verified_steps == 0);
+    if has_none {
+        let help = "record whole sessions (--record FILE), on a disk that keeps up; --save-last keeps the last seconds to look at";
+        return Err(Failure::say(Cause::NotReplayed, message, help).after_summary());
+    }
     if args.verify {
         let help = "record whole sessions, on a disk that keeps up";
         return Err(Failure::say(Cause::Failed, message, help).after_summary());

@@ -270,6 +270,7 @@ class Page {
     this.gauges = gauges;
     this.bar.setGauges(gauges);
     if (this.hello?.source === 'live') this.bar.setMode(gauges.mode);
+    this.slipped.setMode(gauges.mode);
     this.timeLine.setPaused(gauges.paused);
     this.panel.showRecording(gauges.recording === true);
     this.notices.setGauges(gauges);

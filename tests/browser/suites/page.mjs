@@ -395,6 +395,17 @@ export const tests = [
     await until(page, () => document.getElementById('mode').textContent === 'armed');
     await until(page, () => document.getElementById('slipped').hidden);
     check(!(await dashes()).visible, 'a tool that is out again has no dashes');
+    // Of one that no balance is found for words come when the console has let go.
+    mock.tooDeep = true;
+    await until(page, () => window.sutura.picture.status.word === 3);
+    await settled(page, 700);
+    check(await page.locator('#slipped').isHidden(), 'a moment without a balance is not told');
+    mock.mode = 'idle';
+    await until(page, () => !document.getElementById('slipped').hidden);
+    const deep = await page.locator('#slipped').innerText();
+    check(deep.includes('so deep that no balance is found'), deep);
+    await page.locator('#take-out').click();
+    await until(page, () => document.getElementById('slipped').hidden);
   })],
 
   ['whose clock', withHost({ scene: 'slab', hz: 2 }, async ({ page, host }) => {

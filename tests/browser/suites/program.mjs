@@ -173,6 +173,14 @@ export const tests = [
     return `${said}; ${steps} solves of the recording are identical`;
   })],
 
+  ['program: slipped in', async (context) => withFolder(async (folder) => {
+    // Without friction symmetry leaves open where the tissue goes.
+    const scene = path.join(folder, 'smooth.toml');
+    const text = readFileSync(path.join(ROOT, 'scenes/palpation.toml'), 'utf8');
+    await writeFile(scene, text.split('\n').filter((line) => !line.startsWith('friction')).join('\n'));
+    return withProgram([scene], slippedIn)(context);
+  })],
+
   ['program: safe stop and arm', withProgram(['scenes/palpation.toml'], async ({ page }) => {
     const mode = (wanted) => until(page, (wanted) => document.getElementById('mode').textContent === wanted, wanted);
     await mode('armed');
@@ -293,8 +301,10 @@ export const tests = [
   }],
 ];
 
-/** Its own, since it is a matter of minutes, in which others can run. */
+/** Their own, since they are a matter of minutes, in which others can run. */
 export const long = [
+  ['program: shots', async (context) => withFolder((folder) => shots(context, folder))],
+
   ['program: memory is level', async ({ sutura, browser, minutes }) => {
     const program = await view(sutura, ['scenes/palpation.toml']);
     let opened;
@@ -414,6 +424,147 @@ async function dragged({ page, shot, sutura, folder }) {
   const after = await page.evaluate((then) => window.sutura.telemetry.ticks.value('force_n', then), letGo + 0.5);
   check(after < 0.05, `half a second after it was let go: ${after} N`);
   return `in the air speed ripples by ${(100 * ripple).toFixed(1)} % RMS; 5 mm deep ${pressed.toFixed(3)} N, solved ${solved.toFixed(3)} N; let go ${after.toFixed(4)} N`;
+}
+
+/** As deep as a ball without friction presses before anything slips [m]. */
+const SURE_M = 0.01;
+
+/** Drags the probe straight down to 25 mm in 5 s of the session, and farther until it has slipped in; takes it out, and presses again. */
+async function slippedIn({ page, shot }) {
+  const ask = (command) => page.evaluate((command) => window.sutura.ask(command), command);
+  const slipped = () => page.locator('#slipped').isVisible();
+  const mode = (wanted) => until(page, (wanted) => document.getElementById('mode').textContent === wanted, wanted);
+  await until(page, () => window.sutura.grip() !== null && document.getElementById('mode').textContent === 'armed');
+  const still = async () => {
+    await ask({ do: 'hand', way: 'scene' });
+    await until(page, () => window.sutura.newest.status.grip[2] > 0.0295);
+    await ask({ do: 'hand', way: 'none' });
+    await page.evaluate(() => window.sutura.stage.look('front'));
+    // Beside the middle, where the mesh is the same on no side.
+    await ask({ do: 'drag', to_m: [0.003, 0.002, 0.022] });
+    await passes(page, 0.7);
+  };
+  await still();
+  const height = () => page.evaluate(() => window.sutura.newest.status.grip[2]);
+  const place = await probe(page);
+  const from = await height();
+  await page.mouse.move(place.x, place.y);
+  await page.mouse.down();
+  const seen = [];
+  for (let i = 1; !(await slipped()) && i <= 60; i += 1) {
+    await page.mouse.move(place.x, place.y + (from - 0.014 + 0.025) * (i / 25) * place.metre);
+    const then = 0.2 + (await page.evaluate(() => window.sutura.telemetry.ticks.newest));
+    await page.waitForFunction((then) => window.sutura.telemetry.ticks.newest >= then || !document.getElementById('slipped').hidden, then, { timeout: PATIENCE_MS });
+    const [depth, felt] = [0.014 - (await height()), await force(page)];
+    if (await slipped()) break;
+    // Pressed in that far by a hand that gives way, the deeper the more.
+    if (depth > 0.001 && depth < SURE_M) {
+      check(felt > 0.02 && felt > (seen.at(-1)?.felt ?? 0) - 0.03, `${depth} m deep ${felt} N after ${JSON.stringify(seen)}`);
+      seen.push({ depth, felt });
+    }
+  }
+  check(seen.length > 4, `it was pressed in so deep: ${JSON.stringify(seen)}`);
+  await until(page, () => !document.getElementById('slipped').hidden);
+  const deep = 0.014 - (await height());
+  await mode('idle');
+  const { inside, dashed } = await page.evaluate(() => ({ inside: window.sutura.hello.statuses[window.sutura.newest.status.word] === 'inside', dashed: window.sutura.instruments.outline.line.visible }));
+  check(dashed === inside, `the ball is in the tissue: ${inside}, and dashed: ${dashed}`);
+  await page.mouse.move(place.x, place.y + 0.05 * place.metre, { steps: 5 });
+  await page.mouse.up();
+  await shot('program-slipped-in');
+  const notices = await page.locator('#toasts p').allInnerTexts();
+  check(new Set(notices).size === notices.length && notices.length <= 2, `notices: ${JSON.stringify(notices)}`);
+  check(await slipped(), 'the words stay while the console rests');
+  await page.locator('#take-out').click();
+  await mode('armed');
+  await until(page, () => document.getElementById('slipped').hidden && window.sutura.hello.statuses[window.sutura.newest.status.word] === 'ok');
+  check((await height()) > 0.014, `it is taken out to ${await height()} m`);
+  check(!(await page.evaluate(() => window.sutura.instruments.outline.line.visible)), 'the ball is whole again');
+  // The session goes on: it presses as before.
+  await pressAgain(page);
+  await until(page, () => window.sutura.telemetry.ticks.value('force_n', 1e9) > 1 && window.sutura.picture.contacts.vertices.length > 4);
+  return `slipped in ${(1000 * deep).toFixed(1)} mm deep after ${seen.at(-1).felt.toFixed(2)} N at ${(1000 * seen.at(-1).depth).toFixed(1)} mm`;
+}
+
+/** Recordings of which pictures are taken: scene, seconds, solves a second. */
+const RECORDED = /** @type {[string, number, number][]} */ ([['palpation', 3, 200], ['two-tools', 2, 200], ['needle-arc', 2.5, 200]]);
+
+/**
+ * Takes pictures of recordings at drawn times. Each is of its time by what the program says, and by what is in it: of pictures of
+ * then, before and after it is most like that of then.
+ */
+async function shots({ sutura, browser, out, full, seed }, folder) {
+  let state = seed % 2147483646 + 1;
+  const draw = () => (state = (48271 * state) % 2147483647) / 2147483647;
+  const count = full ? 200 : 6;
+  let worst = 0;
+  for (const [which, [scene, seconds]] of RECORDED.entries()) {
+    const file = path.join(folder, `${scene}.mcap`);
+    await runs(sutura, ['run', `scenes/${scene}.toml`, '--lockstep', '--seconds', String(seconds), '--record', file]);
+    const taken = [];
+    for (let i = which; i < count; i += RECORDED.length) {
+      const at = Number((draw() * (seconds - 0.01)).toFixed(3));
+      const png = path.join(out, `shot-${scene}-${i}.png`);
+      const child = started(path.resolve(sutura), ['view', file, '--shot', png, '--at', String(at), '--overwrite', '--view-port', '0'], { cwd: ROOT, stdio: ['ignore', 'ignore', 'pipe'] });
+      let said = '';
+      child.stderr.setEncoding('utf8').on('data', (text) => (said += text));
+      const [code] = await once(child, 'close');
+      const drawn = Number(/: the picture of ([\d.]+) s/.exec(said)?.[1]);
+      check(code === 0 && Math.abs(drawn - at) <= 1 / 25, `seed ${seed}, ${scene} at ${at} s: code ${code}, the picture of ${drawn} s: ${said}`);
+      worst = Math.max(worst, Math.abs(drawn - at));
+      if (taken.length < 2) taken.push({ at, drawn, png });
+      else await rm(png);
+    }
+    await likened(sutura, browser, file, taken, seed);
+  }
+  return `${count} pictures, seed ${seed}: the farthest is ${(1000 * worst).toFixed(0)} ms before its time`;
+}
+
+/** Compares pictures that were taken with those of the page. */
+async function likened(sutura, browser, file, taken, seed) {
+  const program = await view(sutura, [file, '--view-port', '0']);
+  let opened;
+  try {
+    const first = await readFile(taken[0].png);
+    const viewport = { width: first.readUInt32BE(16), height: first.readUInt32BE(20) };
+    opened = await browser.open(program.url, { viewport });
+    const { page } = opened;
+    await until(page, () => document.querySelector('.badge').dataset.badge === 'identical');
+    const clip = await page.locator('#stage').boundingBox();
+    const shown = async (time) => {
+      await page.evaluate((time) => window.sutura.player.to(time), time);
+      await until(page, (time) => Math.abs(window.sutura.player.time - Number(document.getElementById('stage').dataset.drawnS)) < 1 / 20 && !window.sutura.player.busy, time);
+      await page.waitForTimeout(300);
+      return page.screenshot({ clip });
+    };
+    for (const { at, drawn, png } of taken) {
+      const apart = [];
+      for (const by of [0, -0.3, 0.3]) {
+        const other = await shown(at + by);
+        apart.push(await page.evaluate(difference, { one: (await readFile(png)).toString('base64'), other: other.toString('base64'), clip }));
+      }
+      check(apart[0] <= Math.min(apart[1], apart[2]), `seed ${seed}: ${png} of ${drawn} s differs from the page's at ${at} s by ${apart[0]}, 0.3 s before by ${apart[1]} and after by ${apart[2]}`);
+    }
+  } finally {
+    await opened?.close();
+    await program.end();
+  }
+}
+
+/** Mean difference of a picture's part from another picture. Runs in the page. */
+async function difference({ one, other, clip }) {
+  const pixels = async (base64, x, y) => {
+    const bytes = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
+    const picture = await createImageBitmap(new Blob([bytes], { type: 'image/png' }));
+    const canvas = new OffscreenCanvas(Math.floor(clip.width), Math.floor(clip.height));
+    const context = canvas.getContext('2d');
+    context.drawImage(picture, -x, -y);
+    return context.getImageData(0, 0, canvas.width, canvas.height).data;
+  };
+  const [a, b] = [await pixels(one, clip.x, clip.y), await pixels(other, 0, 0)];
+  let sum = 0;
+  for (let i = 0; i < a.length; i += 1) sum += Math.abs(a[i] - b[i]);
+  return sum / a.length;
 }
 
 /** Where the driven tool is on the page, and how long a metre is there [px]. */

@@ -167,7 +167,7 @@ fn steps(report: &mut Report, cases: Cases) {
     report.tools(Kind::Tests, "firmware parts", parts);
     report.tools(Kind::Build, "tests, built", [workspace("test --no-run")]);
     // What the page's tests wait for leaves time: all that does not build the command runs beside them.
-    let page = page().map(Tool::beside);
+    let page = page(cases).map(Tool::beside);
     tests(report, cases);
     let sweep = sweep::Arguments {
         seed: cases.seed,
@@ -269,12 +269,13 @@ fn tests(report: &mut Report, cases: Cases) {
 }
 
 /// The page's modules, types and looks; pictures of all of that are kept.
-fn page() -> Result<Tool> {
+fn page(cases: Cases) -> Result<Tool> {
     let target = target()?;
-    Ok(Tool::new("node tests/browser/run.mjs --sutura")
+    let tool = Tool::new("node tests/browser/run.mjs --sutura")
         .arg(target.join("debug/sutura"))
         .arg("--out")
-        .arg(target.join("browser")))
+        .arg(target.join("browser"));
+    Ok(if cases.full { tool.arg("--full") } else { tool })
 }
 
 #[cfg(test)]

@@ -11,9 +11,9 @@ use super::take_out::{NoWay, RESTS_S, TakeOut};
 use crate::failure::Failure;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use sutura_host::link::Order;
@@ -112,8 +112,8 @@ pub struct Helm<'a> {
     /// Sessions in the making in whose place another one was asked for.
     left: Vec<JoinHandle<Result<Prepared, Failure>>>,
     ended: Option<Ended>,
-    /// Set when time stands still.
-    stands: Option<Arc<AtomicBool>>,
+    /// Set when time stands still, to the time from one picture to the next \[s\].
+    stands: Option<Arc<OnceLock<f64>>>,
 }
 
 impl<'a> Helm<'a> {
@@ -164,10 +164,12 @@ impl<'a> Helm<'a> {
     }
 
     /// Time stands still from so long after the start on \[s\]; `reached` is set then.
-    pub fn pause_at(&mut self, at_s: f64, reached: Arc<AtomicBool>) {
+    pub fn pause_at(&mut self, at_s: f64, reached: Arc<OnceLock<f64>>) {
         let ticks = (at_s * f64::from(self.plan.tick_hz)).round() as u64;
         (self.paused, self.until) = (true, Some(Until::Tick(ticks)));
         self.stands = Some(reached);
+        // Every solve is shown on the way there, and so is the last one.
+        self.tell();
     }
 
     /// Why the session is over, and the file that all of it is in, if one is.
@@ -475,7 +477,8 @@ impl Steer for Helm<'_> {
         if self.until.is_some_and(is_there) {
             self.until = None;
             if let Some(stands) = &self.stands {
-                stands.store(true, Ordering::Relaxed);
+                // Who waits for it has it already if time stands still once more.
+                let _ = stands.set(1.0 / self.plan.host_hz);
             }
         }
         loop {

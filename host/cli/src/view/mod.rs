@@ -79,11 +79,25 @@ pub struct ViewArgs {
     /// Takes a picture of the page with an installed Chromium, writes it to this file, and ends.
     #[arg(long, value_name = "FILE.png")]
     pub shot: Option<PathBuf>,
-    /// When the picture is taken, by the session's clock [s]; of a recording, what was at that time.
-    #[arg(long, value_name = "S", default_value_t = 2.0, requires = "shot")]
-    pub at: f64,
+    /// When the picture is taken, by the session's clock [s]; of a recording, what was at that time. 2 when left out, or the end
+    /// of a recording that is shorter. Fails if the page draws the picture of another time.
+    #[arg(long, value_name = "S", value_parser = from_the_start, requires = "shot")]
+    pub at: Option<f64>,
     #[command(flatten)]
     pub page: PageArgs,
+}
+
+/// When a picture is taken unless it is said \[s\].
+#[cfg(feature = "view")]
+const SHOT_AT_S: f64 = 2.0;
+/// Sessions are not longer than this \[s\].
+const LATEST_S: f64 = 1e6;
+
+/// A time of a session.
+fn from_the_start(text: &str) -> Result<f64, String> {
+    let time = text.parse().ok();
+    let time = time.filter(|time_s| (0.0..=LATEST_S).contains(time_s));
+    time.ok_or_else(|| format!("a time from 0 to {LATEST_S:.0} s"))
 }
 
 const EXAMPLES: &str = "\
@@ -153,6 +167,17 @@ impl What {
         match self {
             What::Scene(scene) => &scene.read,
             What::Recording(recording) => std::slice::from_ref(&recording.file),
+        }
+    }
+
+    /// When a picture of it is taken, if that is asked for at a time \[s\].
+    ///
+    /// # Errors
+    /// A recording that has no pictures, or none of then.
+    fn shot_at(&self, asked_s: Option<f64>) -> Result<f64, Failure> {
+        match self {
+            What::Scene(_) => Ok(asked_s.unwrap_or(SHOT_AT_S)),
+            What::Recording(recording) => recording.shot_at(asked_s),
         }
     }
 

@@ -7,8 +7,9 @@ use super::page::Page;
 use super::recorded_pictures::Pictures;
 use super::sandbox::At;
 use super::telemetry::Telemetry;
-use crate::failure::Failure;
+use crate::failure::{Cause, Failure};
 use crate::recording::failure;
+use crate::replay::begins_later;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -48,6 +49,29 @@ impl Opened {
             recording,
             scene,
         })
+    }
+
+    /// When a picture is taken of it, if that is asked for at a time \[s\].
+    ///
+    /// # Errors
+    /// It has no pictures, or none of then.
+    pub fn shot_at(&self, asked_s: Option<f64>) -> Result<f64, Failure> {
+        if self.recording.about.begins == Begins::Later {
+            return Err(begins_later(&self.file, "there is no tissue to draw"));
+        }
+        let to_s = Line::of(&self.recording, None).to_s;
+        match asked_s {
+            None => Ok(super::SHOT_AT_S.min(to_s)),
+            Some(at_s) if at_s <= to_s => Ok(at_s),
+            Some(at_s) => {
+                let message = format!(
+                    "{} ends at {to_s:.3} s: there is no picture of {at_s} s",
+                    self.file.display()
+                );
+                let help = format!("--at takes 0 to {to_s:.3}");
+                Err(Failure::say(Cause::BadInput, message, help))
+            }
+        }
     }
 }
 
@@ -112,7 +136,13 @@ pub fn show(
         note!("{}", line.text);
     }
     if let Some(at) = at {
-        at.reached.store(true, Ordering::Relaxed);
+        // A picture is made of the first solve that is due.
+        let period_s = 1.0 / line.hz + 1.0 / about.plan.host_hz;
+        let found_s = pictures.before(at.at_s);
+        if found_s.is_none_or(|found_s| at.at_s - found_s > period_s) {
+            return Err(no_picture(at.at_s, found_s, &line.text));
+        }
+        let _ = at.reached.set(period_s);
     }
     while !stop.load(Ordering::Relaxed) {
         if !solvable || pictures.are_as_wanted() {
@@ -123,6 +153,17 @@ pub fn show(
         }
     }
     Ok(())
+}
+
+/// Why nothing is drawn for a time \[s\]; the picture before it is of `found_s`.
+fn no_picture(at_s: f64, found_s: Option<f64>, text: &str) -> Failure {
+    let newest = found_s.map_or_else(
+        || "none before it".to_owned(),
+        |found_s| format!("the one before it is of {found_s:.3} s"),
+    );
+    let message = format!("there is no picture of {at_s} s, {newest}: {text}");
+    let help = "where the console rests nothing is solved, and from where a replay differs nothing is shown: take another --at";
+    Failure::say(Cause::Failed, message, help)
 }
 
 /// How a recording lies in time, and what is known of it.

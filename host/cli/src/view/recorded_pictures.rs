@@ -59,6 +59,12 @@ impl<'a> Pictures<'a> {
         }
     }
 
+    /// Time of the picture at or before a time \[s\].
+    pub fn before(&self, at_s: f64) -> Option<f64> {
+        let times = self.made.iter().map(|(made_s, _)| *made_s);
+        times.take_while(|made_s| *made_s <= at_s).last()
+    }
+
     /// Whether all of them have the scalar that was chosen last.
     pub fn are_as_wanted(&self) -> bool {
         self.are_as_wanted_from(0)

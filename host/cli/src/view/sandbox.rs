@@ -17,9 +17,9 @@ use crate::recording::{LAST, build, failure};
 use crate::run::session_failure;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 use sutura_hil::NativeConsole;
 use sutura_host::picture::Showing;
@@ -36,8 +36,8 @@ const LOOKS_EVERY: Duration = Duration::from_millis(20);
 pub struct At {
     /// By the session's clock \[s\].
     pub at_s: f64,
-    /// Set when it is.
-    pub reached: Arc<AtomicBool>,
+    /// Set when it is, to the time from one picture to the next there \[s\].
+    pub reached: Arc<OnceLock<f64>>,
 }
 
 /// Runs sessions until `stop` is set, the first one as prepared; that stands still at `pause`.

@@ -12,8 +12,8 @@ use serde_json::{Value, json};
 use std::io::{self, BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 use sutura_view::Shared;
 
@@ -21,8 +21,8 @@ use sutura_view::Shared;
 const BROWSERS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "chrome"];
 /// Standard input and output become the pipes that the browser listens to.
 const AS_PIPES: &str = "exec \"$0\" \"$@\" 3<&0 4>&1 </dev/null >/dev/null 2>&1";
-/// How long a page is given to draw what it got last, in software.
-const DRAWN_WITHIN: Duration = Duration::from_secs(4);
+/// How long a page has stood still when it has drawn what it got last, plots and figures included.
+const SETTLES_WITHIN: Duration = Duration::from_secs(1);
 /// How long all of it may take besides the session, and how long that may take on a machine that has much else to do.
 const WITHIN: Duration = Duration::from_secs(120);
 const REACHED_WITHIN: Duration = Duration::from_secs(600);
@@ -37,10 +37,11 @@ pub fn take(
     shot: &Path,
     stop: &Arc<AtomicBool>,
 ) -> Result<(), Failure> {
+    let at_s = what.shot_at(args.at)?;
     let browser = browser()?;
     let mut page = Page::open(&args.page)?;
     let at = At {
-        at_s: args.at,
+        at_s,
         reached: Arc::default(),
     };
     let shared = page.shared().clone();
@@ -49,7 +50,7 @@ pub fn take(
     let file = PathBuf::from(shot);
     let thread = std::thread::Builder::new().name("sutura-shot".to_owned());
     let taking = thread.spawn(move || {
-        let taken = photograph(browser, &url, &file, &shared, (&reached, &stopping));
+        let taken = photograph(browser, &url, &file, &shared, (at_s, &reached, &stopping));
         stopping.store(true, Ordering::Relaxed);
         taken
     });
@@ -59,7 +60,11 @@ pub fn take(
     let taken = taking.join();
     shown?;
     match taken {
-        Ok(taken) => taken.map_err(|error| failed(browser, shot, &error)),
+        Ok(Ok(drawn_s)) => {
+            note!("{}: the picture of {drawn_s:.3} s", shot.display());
+            Ok(())
+        }
+        Ok(Err(error)) => Err(failed(browser, shot, &error)),
         Err(_) => Err(failed(browser, shot, &io::Error::other("it failed"))),
     }
 }
@@ -180,53 +185,119 @@ impl Browser {
     }
 }
 
+/// What a page says of itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Seen {
+    /// Session time of the picture that is drawn \[s\].
+    drawn_s: Option<f64>,
+    /// Blocks of telemetry that have come.
+    blocks: u64,
+}
+
+/// A page in a browser.
+struct Tab {
+    browser: Browser,
+    session: String,
+}
+
+impl Tab {
+    fn open(mut browser: Browser, url: &str) -> io::Result<Self> {
+        let target = browser.ask(None, "Target.createTarget", json!({"url": url}))?;
+        let attach = json!({"targetId": target["targetId"], "flatten": true});
+        let session = text(&browser.ask(None, "Target.attachToTarget", attach)?["sessionId"]);
+        Ok(Self { browser, session })
+    }
+
+    fn ask(&mut self, method: &str, parameters: Value) -> io::Result<Value> {
+        self.browser.ask(Some(&self.session), method, parameters)
+    }
+
+    /// The value of an expression in the page, or of what it promises.
+    fn evaluate(&mut self, expression: &str) -> io::Result<Value> {
+        let parameters =
+            json!({"expression": expression, "returnByValue": true, "awaitPromise": true});
+        let answer = self.ask("Runtime.evaluate", parameters)?;
+        Ok(answer["result"]["value"].clone())
+    }
+
+    /// What the page says now; nothing while it is being loaded.
+    fn look(&mut self) -> io::Result<Seen> {
+        let said = self.evaluate(SEEN)?;
+        Ok(Seen {
+            drawn_s: said["drawn"].as_str().and_then(|text| text.parse().ok()),
+            blocks: said["blocks"].as_u64().unwrap_or_default(),
+        })
+    }
+}
+
+/// See [`Tab::look`].
+const SEEN: &str = "({drawn: document.getElementById('stage')?.dataset.drawnS ?? null, blocks: window.sutura?.telemetry?.blocks ?? 0})";
+/// Done when what was drawn last is on the screen.
+const ON_SCREEN: &str =
+    "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))";
+
+fn text(value: &Value) -> String {
+    value.as_str().unwrap_or_default().to_owned()
+}
+
+fn timed_out(message: String) -> io::Error {
+    io::Error::new(io::ErrorKind::TimedOut, message)
+}
+
+/// Waits until the page draws the picture of `at_s`, and takes it; when that picture is of \[s\].
 fn photograph(
     browser: &str,
     url: &str,
     file: &Path,
     shared: &Shared,
-    (reached, stop): (&AtomicBool, &AtomicBool),
-) -> io::Result<()> {
+    (at_s, reached, stop): (f64, &OnceLock<f64>, &AtomicBool),
+) -> io::Result<f64> {
     let profile = tempfile::tempdir()?;
-    let mut browser = Browser::start(browser, profile.path())?;
-    let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
-    let target = browser.ask(None, "Target.createTarget", json!({"url": url}))?;
-    let attach = json!({"targetId": target["targetId"], "flatten": true});
-    let session = text(&browser.ask(None, "Target.attachToTarget", attach)?["sessionId"]);
+    let mut tab = Tab::open(Browser::start(browser, profile.path())?, url)?;
     let began = Instant::now();
-    let (mut sent, mut still, mut stood) = (0, began, began);
+    let (mut seen, mut still, mut stood) = (None, began, began);
     loop {
-        let is_reached = reached.load(Ordering::Relaxed);
-        if is_reached && sent > 0 && still.elapsed() > DRAWN_WITHIN {
-            break;
-        }
         if stop.load(Ordering::Relaxed) {
             let message = "it was stopped before there was one";
             return Err(io::Error::new(io::ErrorKind::Interrupted, message));
         }
+        let now = tab.look()?;
+        if seen != Some(now) {
+            (seen, still) = (Some(now), Instant::now());
+        }
+        match reached.get() {
+            // The session waits for the page, and the picture for the session.
+            None if shared.figures().joined > 0 => stood = Instant::now(),
+            None => {}
+            Some(period_s) => {
+                let drawn_s = now
+                    .drawn_s
+                    .filter(|drawn_s| (drawn_s - at_s).abs() <= *period_s);
+                if let Some(drawn_s) = drawn_s.filter(|_| still.elapsed() > SETTLES_WITHIN) {
+                    tab.evaluate(ON_SCREEN)?;
+                    let taken = tab.ask("Page.captureScreenshot", json!({"format": "png"}))?;
+                    if tab.look()? == now {
+                        let bytes = text(&taken["data"]);
+                        let bytes = base64::engine::general_purpose::STANDARD.decode(bytes);
+                        std::fs::write(file, bytes.map_err(io::Error::other)?)?;
+                        return Ok(drawn_s);
+                    }
+                }
+            }
+        }
         if stood.elapsed() > WITHIN {
-            let message = "the page drew nothing for two minutes";
-            return Err(io::Error::new(io::ErrorKind::TimedOut, message));
+            return Err(timed_out(match now.drawn_s {
+                Some(drawn_s) => format!(
+                    "the page draws the picture of {drawn_s:.3} s, and not that of {at_s} s, for two minutes"
+                ),
+                None => "the page drew nothing for two minutes".to_owned(),
+            }));
         }
         if began.elapsed() > REACHED_WITHIN + WITHIN {
-            let message = "the session did not come so far in ten minutes";
-            return Err(io::Error::new(io::ErrorKind::TimedOut, message));
-        }
-        let figures = shared.figures();
-        if figures.sent != sent || !is_reached {
-            (sent, still) = (figures.sent, Instant::now());
-        }
-        // The session waits for the page, and the picture for the session.
-        if !is_reached && figures.joined > 0 {
-            stood = Instant::now();
+            return Err(timed_out(
+                "the session did not come so far in ten minutes".to_owned(),
+            ));
         }
         std::thread::sleep(Duration::from_millis(50));
     }
-    let taken = browser.ask(
-        Some(&session),
-        "Page.captureScreenshot",
-        json!({"format": "png"}),
-    )?;
-    let bytes = base64::engine::general_purpose::STANDARD.decode(text(&taken["data"]));
-    std::fs::write(file, bytes.map_err(io::Error::other)?)
 }

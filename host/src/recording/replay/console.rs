@@ -3,11 +3,11 @@
 //! Entry point: [`replay_console`]. Before each tick it is given the frames that the recorded state says it had heard by then;
 //! afterwards its state must be the recorded one, trace hash and all.
 
-use super::super::about::Begins;
 use super::super::read::Recording;
 use super::sessions::{DownFrame, Session, sessions};
 use crate::session::LimitedTicks;
-use sutura_shared::control::TicksLimited;
+use sutura_shared::control::{Control, TickInput, TicksLimited};
+use sutura_shared::device::DeviceDescription;
 use sutura_shared::wire::message::State;
 use sutura_shared::wire::{Kind, Valid};
 
@@ -65,6 +65,8 @@ pub struct ConsoleVerdict {
     pub verified_ticks: u64,
     /// Those at the beginning of sessions that could not be compared.
     pub unverified_ticks: u64,
+    /// Those of a session whose opening is not in the recording, of which the pose alone was compared: it follows from the encoders.
+    pub poses: u64,
     /// Frames of the host that the line must have lost for the rest to come out the same.
     pub lost_frames: u64,
     /// The console's tick that came out differently first.
@@ -85,20 +87,17 @@ pub fn replay_console(recording: &Recording, console: &mut dyn Replayed) -> Cons
     let mut verdict = ConsoleVerdict::default();
     let states = sessions.iter().map(|session| session.states.len() as u64);
     verdict.ticks = states.sum();
-    if recording.about.begins == Begins::Later {
-        verdict.unverifiable_from = Some(0);
-        verdict.why = Some(
-            "it holds the last seconds of a session: what the console was before is not known"
-                .to_owned(),
-        );
-        return verdict;
-    }
     for session in &sessions {
-        let ran = one_session(session, console, &mut verdict);
-        if let Some(ticks) = console.ticks_limited() {
-            let ticks = LimitedTicks::from(ticks);
-            verdict.ticks_limited = Some(verdict.ticks_limited.unwrap_or_default() + ticks);
-        }
+        let ran = if session.is_opened {
+            let ran = one_session(session, console, &mut verdict);
+            if let Some(ticks) = console.ticks_limited() {
+                let ticks = LimitedTicks::from(ticks);
+                verdict.ticks_limited = Some(verdict.ticks_limited.unwrap_or_default() + ticks);
+            }
+            ran
+        } else {
+            poses(session, &recording.about.plan.device, &mut verdict)
+        };
         if let Err(stop) = ran {
             match stop {
                 Stop::Diverged { tick, how } => {
@@ -120,6 +119,38 @@ pub fn replay_console(recording: &Recording, console: &mut dyn Replayed) -> Cons
 enum Stop {
     Diverged { tick: u32, how: String },
     Unverifiable { tick: u32, why: String },
+}
+
+/// Compares the poses of a session whose opening is not in the recording: what they are made of is in their own states. Stops at the
+/// first that differs, or else at the first tick, as nothing else can be compared.
+fn poses(
+    session: &Session,
+    device: &DeviceDescription,
+    verdict: &mut ConsoleVerdict,
+) -> Result<(), Stop> {
+    let Some((first, _)) = session.states.first() else {
+        return Ok(());
+    };
+    let unverifiable = |why: String| Stop::Unverifiable {
+        tick: first.body().tick,
+        why,
+    };
+    let mut control = Control::new(*device)
+        .map_err(|error| unverifiable(format!("the recorded device: {error}")))?;
+    for (state, _) in &session.states {
+        let there = state.body();
+        let here = control.tick(&TickInput::of(state), None).state;
+        if (here.position_m, here.orientation) != (there.position_m, there.orientation) {
+            return Err(Stop::Diverged {
+                tick: there.tick,
+                how: "its pose is not that of its encoders".to_owned(),
+            });
+        }
+        verdict.poses += 1;
+    }
+    Err(unverifiable(
+        "it holds the last seconds of a session: what the console was before is not known, and poses alone were compared".to_owned(),
+    ))
 }
 
 fn one_session(

@@ -38,6 +38,8 @@ pub struct OfConsole {
     pub verified_ticks: u64,
     /// Those at the beginning of sessions that could not be compared.
     pub unverified_ticks: u64,
+    /// Those of a session whose opening is not in the recording, of which the pose alone was compared.
+    pub poses: u64,
     /// Frames of the host that the line must have lost for the rest to come out the same.
     pub lost_frames: u64,
     /// The tick that came out differently first.
@@ -62,6 +64,8 @@ pub struct OfHost {
     pub verified_steps: u64,
     /// Whether all of those have the same bits.
     pub identical: bool,
+    /// Contacts that went down as they had been solved, of a session whose beginning is not in the recording.
+    pub contacts: u64,
     /// Largest difference of an entry of a wrench, over the largest of the session so far.
     pub largest_difference: f64,
     /// The console's tick of the first solve that came out differently.
@@ -98,6 +102,7 @@ impl Report {
             console: OfConsole {
                 verified_ticks: console.verified_ticks,
                 unverified_ticks: console.unverified_ticks,
+                poses: console.poses,
                 lost_frames: console.lost_frames,
                 diverged_at: console.diverged_at,
                 unverifiable_from: console.unverifiable_from,
@@ -109,6 +114,7 @@ impl Report {
                 steps: host.steps,
                 verified_steps: host.verified_steps,
                 identical: host.identical,
+                contacts: host.contacts,
                 largest_difference: host.largest_difference,
                 diverged_at: host.diverged_at,
                 diverged_step: host.diverged_step,

@@ -3,10 +3,11 @@
 //! Entry point: [`sessions`]. A session begins with the console's answer to a `Hello`; what is damaged, or of no session, is
 //! left out, as either end does.
 
+use super::super::about::{About, Begins};
 use super::super::read::Recording;
 use super::super::tap::Direction;
 use std::collections::HashMap;
-use sutura_shared::wire::message::{Hello, State};
+use sutura_shared::wire::message::{Hello, Refusal, State};
 use sutura_shared::wire::{Accumulator, Checked, HEADER_SIZE, Header, Kind, Valid, decode};
 
 /// A frame of the host.
@@ -23,8 +24,10 @@ pub struct DownFrame {
 /// What went over the line in one session.
 #[derive(Clone, Debug)]
 pub struct Session {
-    /// What the console said of itself.
+    /// What the console said of itself; of one that is not opened, what the recording says of it.
     pub console: Hello,
+    /// Whether the recording has the session's opening; a file of the last seconds may begin after it.
+    pub is_opened: bool,
     /// The host's `Hello`, if it was recorded.
     pub hello: Option<Vec<u8>>,
     /// Frames of the host, in the order of their sequence.
@@ -48,12 +51,20 @@ pub fn sessions(recording: &Recording) -> Vec<Session> {
             (Direction::Up, Some(Checked::Hello(hello))) if hello.body().session != 0 => {
                 sessions.push(Session {
                     console: *hello.body(),
+                    is_opened: true,
                     hello: hellos.remove(&hello.body().nonce),
                     down: Vec::new(),
                     states: Vec::new(),
                 });
             }
             (direction, message) => {
+                let is_first = recording.about.begins == Begins::Later
+                    && sessions.is_empty()
+                    && direction == Direction::Up
+                    && matches!(message, Some(Checked::State(_)));
+                if is_first {
+                    sessions.push(unopened(header.session, &recording.about));
+                }
                 let of = |session: &&mut Session| session.console.session == header.session;
                 let Some(session) = sessions.iter_mut().rev().find(of) else {
                     continue;
@@ -73,6 +84,26 @@ pub fn sessions(recording: &Recording) -> Vec<Session> {
         }
     }
     sessions
+}
+
+/// A session whose opening is not in the recording.
+fn unopened(session: u32, about: &About) -> Session {
+    Session {
+        console: Hello {
+            schema_hash: 0,
+            nonce: 0,
+            session,
+            tick_hz: about.plan.tick_hz,
+            max_frame: 0,
+            simulated: false,
+            device_name: about.plan.device.name,
+            refusal: Refusal::None,
+        },
+        is_opened: false,
+        hello: None,
+        down: Vec::new(),
+        states: Vec::new(),
+    }
 }
 
 /// Header and message of a frame; no message for rows, which only a link unpacks.
