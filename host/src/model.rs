@@ -89,12 +89,13 @@ pub struct Model {
     unloaded_m: Vec<[f64; 3]>,
     /// Every node under the loads, without tools \[m\], (n x 3).
     pub(crate) resting_m: Vec<[f64; 3]>,
-    /// Boundary nodes that can be touched and moved, ascending, (b).
+    /// Boundary nodes that can be moved, ascending, (b).
     pub(crate) touchable: Vec<u32>,
-    /// Their positions under the loads, without tools \[m\], (b).
-    pub(crate) touchable_m: Vec<Vector3<f64>>,
-    /// Their outward normals, (b).
-    pub(crate) touchable_normal: Vec<Vector3<f64>>,
+    /// Prescribed boundary nodes, ascending, (p): a wall to tools.
+    prescribed: Vec<u32>,
+    /// Positions of all boundary nodes under the loads, without tools \[m\], and their outward normals, (b + p).
+    boundary_m: Vec<Vector3<f64>>,
+    boundary_normal: Vec<Vector3<f64>>,
     /// Sources, if there are any.
     pub(crate) sources: Option<Sources>,
 }
@@ -360,10 +361,11 @@ impl Model {
         tissue: &[NeedleTissue],
         settings: NeedleSettings,
     ) -> Result<Sources, NeedleError> {
-        let at_rest = (&self.touchable_m[..], &self.touchable_normal[..]);
+        let at_rest = (&self.boundary_m[..], &self.boundary_normal[..]);
+        let nodes = (&self.touchable[..], &self.prescribed[..]);
         let sources = Sources::new(needles, tissue, settings, mesh, &self.resting_m)?;
         let least_m = self.surface.mean_edge_m;
-        Ok(sources.with_tools(&self.tools, least_m, &self.touchable, at_rest))
+        Ok(sources.with_tools(&self.tools, least_m, nodes, at_rest))
     }
 
     /// As [`Self::corotational`], for tissue that is hyperelastic.
@@ -452,18 +454,19 @@ impl Model {
             .collect();
 
         let surface = mesh.surface();
-        let mut touchable = Vec::new();
-        let mut touchable_normal = Vec::new();
-        for (&node, &normal) in surface.vertices.iter().zip(&surface.normals) {
-            if !body.numbering().is_fixed(node) {
-                touchable.push(node);
-                touchable_normal.push(Vector3::from(normal));
-            }
-        }
-        let touchable_m = touchable
+        let vertices = surface.vertices.iter().copied().zip(&surface.normals);
+        let (held, free): (Vec<_>, Vec<_>) =
+            vertices.partition(|(node, _)| body.numbering().is_fixed(*node));
+        let nodes = |of: &[(u32, &[f64; 3])]| of.iter().map(|(node, _)| *node).collect();
+        let (touchable, prescribed) = (nodes(&free), nodes(&held));
+        let (boundary_m, boundary_normal) = free
             .iter()
-            .map(|&node| Vector3::from(resting_m[node as usize]))
-            .collect();
+            .chain(&held)
+            .map(|(node, normal)| {
+                let at = Vector3::from(resting_m[*node as usize]);
+                (at, Vector3::from(**normal))
+            })
+            .unzip();
         Self {
             body,
             motion,
@@ -478,8 +481,9 @@ impl Model {
             unloaded_m: mesh.points_m().to_vec(),
             resting_m,
             touchable,
-            touchable_m,
-            touchable_normal,
+            prescribed,
+            boundary_m,
+            boundary_normal,
             sources: None,
         }
     }
@@ -740,6 +744,13 @@ impl Model {
             return self.body.numbering().node_at(vertex);
         }
         self.touchable.get(vertex as usize).copied()
+    }
+
+    /// The body that a grip carries, as a tool.
+    pub(crate) fn body_of(&self, tool: u8) -> Option<Tool> {
+        let sources = self.sources.as_ref()?;
+        let bar = sources.bars.get(sources.bar_of(tool)?)?;
+        Some(bar.bar.capsule())
     }
 
     /// Whether a tool carries jaws.

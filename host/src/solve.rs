@@ -8,7 +8,7 @@ use crate::scene::{Pose, Scene};
 use crate::script::at_rest;
 pub use crate::session::SolveError;
 use crate::session::{IN_BALANCE, MOST_PASSES, MOST_STEPS, SceneSolver};
-use crate::step::{Status, StepReport};
+use crate::step::{State, Status, StepReport};
 use crate::thread::Hanging;
 use crate::tool::Tool;
 
@@ -59,14 +59,14 @@ pub fn solve(scene: &Scene) -> Result<Solution, SolveError> {
         .iter()
         .filter_map(|tool| Some((tool.id, tool.shape.clone(), tool.pose?)))
         .collect();
-    let without = !scene.depends_on_way();
+    let without = !scene.follows_scripts();
     let acting = scene.acting();
     if acting.forces.is_empty() && acting.handles.is_empty() && held.is_empty() && without {
         return Err(SolveError::Nothing);
     }
     let mut solver = SceneSolver::apart(scene)?;
     let report = if without {
-        solver.bring_in(&held)?
+        solver.come_to_rest(&held)?
     } else {
         follow_scripts(scene, &mut solver)?
     };
@@ -90,7 +90,7 @@ pub fn solve(scene: &Scene) -> Result<Solution, SolveError> {
             force_n: *force_n,
             torque_nm: [0.0; 3],
         });
-    let fixed_reactions = hold(scene, &acting, &rest);
+    let fixed_reactions = hold(scene, &acting, &rest, state);
     // The step's wrench is what the tool feels.
     let tools = report.contacts().iter().map(|contact| HeldTool {
         tool: contact.id,
@@ -124,11 +124,12 @@ pub fn solve(scene: &Scene) -> Result<Solution, SolveError> {
 }
 
 /// What each `[[fixed]]` does to the tissue: `node_force_n` has what acts on its nodes besides.
-fn hold(scene: &Scene, acting: &Loads, rest: &Equilibrium) -> Vec<FixedReaction> {
+fn hold(scene: &Scene, acting: &Loads, rest: &Equilibrium, state: &State) -> Vec<FixedReaction> {
     let mut own_n = rest.node_force_n.clone();
-    for load in &acting.forces {
-        for (own, load) in own_n[load.node as usize].iter_mut().zip(load.force_n) {
-            *own -= load;
+    let loads = acting.forces.iter().map(|load| (load.node, load.force_n));
+    for (node, force_n) in loads.chain(state.forces_on_prescribed()) {
+        for (own, other) in own_n[node as usize].iter_mut().zip(force_n) {
+            *own -= other;
         }
     }
     let each = scene.fixed_by.iter().enumerate();

@@ -12,6 +12,7 @@ mod gravity;
 mod half_faces;
 mod hyperelastic;
 mod jaws;
+mod keys;
 mod layers;
 mod link_reconnect;
 mod needle;

@@ -74,9 +74,9 @@ pub fn run(args: &SolveArgs, global: &Global) -> Result<(), Failure> {
 }
 
 fn solve_at(at_s: f64, scene: &Scene) -> Result<f64, Failure> {
-    if !scene.depends_on_way() {
+    if !scene.follows_scripts() {
         let message = format!(
-            "--at {at_s}: the scene \"{}\" has no needle, no jaws and no tissue contact, so nothing depends on the way there",
+            "--at {at_s}: the scene \"{}\" has no needle, no jaws, no tissue contact and no tool on a way of its own, so no script is followed",
             scene.name
         );
         let help = "leave --at out: tools are held where `position_m` says";

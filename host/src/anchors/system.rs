@@ -29,7 +29,12 @@ pub(crate) struct ConstraintState {
     spread: Spread,
     /// Force on the tissue at each anchor \[N\], (anchors).
     on_anchors: Vec<Vector3<f64>>,
+    #[serde(skip)]
+    prescribed: Vec<PrescribedPart>,
 }
+
+/// Part of an anchor on a prescribed node: the anchor, the node, and its weight.
+type PrescribedPart = (u32, u32, f64);
 
 impl ConstraintState {
     /// No rows yet.
@@ -44,6 +49,7 @@ impl ConstraintState {
                 terms: Vec::with_capacity(settings.most_terms),
             },
             on_anchors: Vec::with_capacity(settings.most_anchors),
+            prescribed: Vec::with_capacity(8 * settings.most_anchors),
         }
     }
 
@@ -74,6 +80,12 @@ impl ConstraintState {
     /// Forces on vertices: -C' lambda.
     pub fn pushes(&self) -> impl Iterator<Item = Push> + '_ {
         pushes(&self.anchors, &self.on_anchors)
+    }
+
+    /// Forces on prescribed nodes \[N\]: those of anchors that have a part of their weight there.
+    pub fn on_prescribed(&self) -> impl Iterator<Item = (u32, Vector3<f64>)> + '_ {
+        let parts = self.prescribed.iter();
+        parts.map(|(anchor, node, weight)| (*node, self.on_anchors[*anchor as usize] * *weight))
     }
 
     /// Force on the tissue at an anchor of the last solve \[N\].
@@ -138,6 +150,7 @@ impl ConstraintState {
         self.acting.clone_from(&other.acting);
         self.spread.copy_from(&other.spread);
         self.on_anchors.clone_from(&other.on_anchors);
+        self.prescribed.clone_from(&other.prescribed);
     }
 }
 
@@ -166,6 +179,7 @@ pub(crate) struct ConstraintSystem {
     vertices: Vec<u32>,
     missing: Vec<u32>,
     next_anchors: Vec<Reached>,
+    next_prescribed: Vec<PrescribedPart>,
     first_row: Vec<u32>,
     free: Vec<Vector3<f64>>,
     /// What the forces of the last solve move each anchor by, beyond `free` \[m\].
@@ -292,6 +306,7 @@ impl ConstraintSystem {
             vertices: Vec::with_capacity(8 * most_anchors),
             missing: Vec::with_capacity(8 * most_anchors),
             next_anchors: Vec::with_capacity(most_anchors),
+            next_prescribed: Vec::with_capacity(8 * most_anchors),
             first_row: Vec::with_capacity(most_anchors + 1),
             free: vec![Vector3::zeros(); most_anchors],
             moved: Vec::with_capacity(most_anchors),
@@ -563,6 +578,7 @@ impl ConstraintSystem {
             return false;
         }
         self.next_anchors.clear();
+        self.next_prescribed.clear();
         let ends = anchors.iter().map(|anchor| [None, Some(*anchor)]);
         for [from, to] in ends.chain(ways.iter().copied()) {
             let mut reached = Reached::default();
@@ -594,7 +610,13 @@ impl ConstraintSystem {
     }
 
     /// Adds an anchor's free nodes; whether all others are fixed.
-    fn reach(&self, body: &Body, anchor: &AnchorPoint, sign: f64, reached: &mut Reached) -> bool {
+    fn reach(
+        &mut self,
+        body: &Body,
+        anchor: &AnchorPoint,
+        sign: f64,
+        reached: &mut Reached,
+    ) -> bool {
         for (&node, &weight) in anchor.nodes.iter().zip(&anchor.weights) {
             if weight == 0.0 {
                 continue;
@@ -603,6 +625,8 @@ impl ConstraintSystem {
                 return false;
             };
             let sound = if vertex == UNREACHED {
+                let place = self.next_anchors.len() as u32;
+                self.next_prescribed.push((place, node, sign * weight));
                 body.numbering().is_fixed(node)
             } else {
                 reached.add(vertex, sign * weight)
@@ -832,6 +856,7 @@ impl ConstraintSystem {
             return self.solve(rows, None, grasp);
         }
         grasp.anchors.clone_from(&self.next_anchors);
+        grasp.prescribed.clone_from(&self.next_prescribed);
         grasp.acting.clear();
         grasp.acting.extend_from_slice(rows);
         grasp.spread.copy_from(&self.spread);

@@ -100,10 +100,11 @@ impl Balance<'_> {
             };
             let first_row = self.work.needles.points[index].first_row;
             let presses = self.state.grasp.lambda()[first_row] > 0.0;
-            let slid = (presses, self.slipped(first_row));
+            let force = self.state.grasp.force_on(index);
+            let solved = (presses, force, self.slipped(first_row));
             let touch = &self.state.each[needle].touches[place];
             let shaft = self.shaft(needle);
-            let next = shaft.and_then(|shaft| self.corrected(&shaft, touch, slid, within_m));
+            let next = shaft.and_then(|shaft| self.corrected(&shaft, touch, solved, within_m));
             if let Some(next) = next {
                 self.state.each[needle].touches[place] = next;
                 right = false;

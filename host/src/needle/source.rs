@@ -16,6 +16,7 @@ use crate::anchors::{AnchorPoint, ConstraintSet, PointConstraint};
 use crate::mesh::HalfFaces;
 use crate::rod::{MOST_PLACES, MOST_TOUCHES};
 use crate::rows::RowKind;
+use crate::source::tool::WALL_M_PER_N;
 use crate::source::{Room, Source};
 use crate::step::{Balance, BalanceWork, Felt, Sources, Status, unloaded};
 use crate::tool::ToolSample;
@@ -237,7 +238,9 @@ impl Source for NeedleSource {
             for row in point.first_row..point.first_row + 3 {
                 let own = &mut w[row * (n + 1)];
                 // Next to what does not move a way of nothing would be a force of everything.
-                if *own > 0.0 || point.what == What::Holding {
+                if *own == 0.0 && matches!(point.what, What::Touch(_)) {
+                    *own = WALL_M_PER_N;
+                } else if *own > 0.0 || point.what == What::Holding {
                     *own = own.max(STIFFEST_M_PER_N);
                 } else if row == point.first_row {
                     *own = RIGID_M_PER_N;

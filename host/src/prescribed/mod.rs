@@ -19,7 +19,7 @@ use crate::tool::{MAX_TOOLS, Placement, Shape, Tool, ToolSample};
 use miette::Diagnostic;
 use nalgebra::Vector3;
 use serde_json::{Value, json};
-use sticking::{Sticking, Tools, Touched};
+use sticking::{Sticking, Tools, Touched, stacked};
 use sutura_client::ahead::reach_m;
 use sutura_models::{Outcome, Tissue};
 use thiserror::Error;
@@ -413,6 +413,7 @@ impl Prescribed {
             return false;
         };
         match status {
+            Status::Ok | Status::Behind if self.meets_wall(index) => true,
             Status::Ok | Status::Behind => {
                 self.sticking.pressing(index, &mut self.pressing);
                 // What was let go by a force that means nothing may well be there.
@@ -425,6 +426,13 @@ impl Prescribed {
             Status::Inside => self.tools[index].is_none() || self.sticking.held(index),
             _ => false,
         }
+    }
+
+    /// Whether a tool presses on fixed nodes.
+    fn meets_wall(&self, index: usize) -> bool {
+        let nowhere = Vector3::zeros();
+        let placed = self.tools[index].as_ref();
+        placed.is_some_and(|(_, solid)| self.sticking.wall(solid, &nowhere).nodes > 0)
     }
 
     /// Whether the last balance came near enough for its reactions to mean anything.
@@ -543,6 +551,9 @@ impl Prescribed {
             }
             *place = contact;
         }
+        let walls = self.tools.iter().flatten();
+        let walls = walls.map(|(_, solid)| self.sticking.wall(solid, &Vector3::zeros()).energy_j);
+        report.stored_energy_j += walls.sum::<f64>();
         report.rows = report.contacts().iter().map(|contact| contact.rows).sum();
         report.tangent_error = self.tangent_error;
     }
@@ -555,7 +566,9 @@ impl Prescribed {
         solid: &Solid,
         step_s: Option<f64>,
     ) {
-        if self.pressing.is_empty() {
+        let grip = Vector3::from(sample.position_m);
+        let wall = self.sticking.wall(solid, &grip);
+        if self.pressing.is_empty() && wall.nodes == 0 {
             if let Some((gap, normal, _)) = self.sticking.apart(solid, self.tissue.positions_m()) {
                 contact.gap_m = gap.max(0.0);
                 contact.normal = normal.into();
@@ -565,25 +578,25 @@ impl Prescribed {
             }
             return;
         }
-        let grip = Vector3::from(sample.position_m);
         let touched = self
             .sticking
             .touched(&self.pressing, self.tissue.reactions_n(), &grip);
+        let wrench = wall.wrench + stacked(&touched.force, &touched.moment);
+        let force: Vector3<f64> = wrench.fixed_rows::<3>(0).into();
         contact.gap_m = 0.0;
-        contact.rows = touched.nodes;
-        contact.normal = touched
-            .force
-            .try_normalize(0.0)
-            .unwrap_or_else(Vector3::z)
-            .into();
-        contact.wrench[..3].copy_from_slice(touched.force.as_slice());
-        contact.wrench[3..].copy_from_slice(touched.moment.as_slice());
+        contact.rows = touched.nodes + wall.nodes;
+        contact.normal = force.try_normalize(0.0).unwrap_or_else(Vector3::z).into();
+        contact.wrench = wrench.into();
         let Some(step_s) = step_s else {
             return;
         };
         let tally = &mut self.tally;
         tally.most_nodes = tally.most_nodes.max(touched.nodes);
         if !self.has_tangent {
+            return;
+        }
+        wall.add_tangent(&mut contact.tangent);
+        if self.pressing.is_empty() {
             return;
         }
         let drive = self.sticking.drive(&self.force_n);
@@ -596,6 +609,7 @@ impl Prescribed {
             contact.tangent = touched
                 .tangent(&tangent)
                 .map(|row| row.map(|entry| confidence * entry));
+            wall.add_tangent(&mut contact.tangent);
         }
     }
 
@@ -624,11 +638,14 @@ impl Prescribed {
             .to_come(solid, positions, way, &mut self.to_come);
         let drive = self.sticking.drive(&self.force_n);
         let to_come = self.tissue.tangent_to_come(&drive, &self.to_come, step_s);
-        let Some(tangent) = to_come else {
-            return;
-        };
-        let at = solid.middle() - normal * solid.radius() - Vector3::from(sample.position_m);
-        contact.tangent = Touched::to_come(&at).tangent(&tangent);
+        let grip = Vector3::from(sample.position_m);
+        if let Some(tangent) = to_come {
+            let at = solid.middle() - normal * solid.radius() - grip;
+            contact.tangent = Touched::to_come(&at).tangent(&tangent);
+        }
+        let there = solid.moved(&(normal * -(contact.gap_m + depth_m)));
+        let wall = self.sticking.wall(&there, &grip);
+        wall.add_tangent(&mut contact.tangent);
     }
 
     /// How the steps went, for the session's summary.

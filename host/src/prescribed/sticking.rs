@@ -4,10 +4,11 @@
 //! stays at that place of it; one that would have to be pulled is let go: unilateral contact with friction
 //! that never slips, by an active set.
 
-use crate::contact::shape::Solid;
+use crate::contact::shape::{Solid, Touch};
 use crate::mesh::TetMesh;
+use crate::source::tool::WALL_M_PER_N;
 use crate::tool::{MAX_TOOLS, Placement};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use serde::Serialize;
 use sutura_models::{BoundaryConditions, Tangent};
 
@@ -43,11 +44,64 @@ pub(super) struct Touched {
     spread: Matrix3<f64>,
 }
 
+/// A tool's contact with fixed nodes, each of which gives way by [`WALL_M_PER_N`] along the normal.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Wall {
+    /// Force on the tool \[N\] and moment about the grip \[N m\], (6).
+    pub wrench: Vector6<f64>,
+    /// d wrench / d pose of the grip for left increments, (6 x 6).
+    tangent: Matrix6<f64>,
+    /// Nodes that press.
+    pub nodes: u32,
+    /// Elastic energy \[J\].
+    pub energy_j: f64,
+}
+
+impl Wall {
+    /// A node at `arm` from the grip \[m\].
+    fn add(&mut self, touch: &Touch, arm: &Vector3<f64>) {
+        let force = touch.normal * (touch.gap / WALL_M_PER_N);
+        let stiffness = touch.normal * touch.normal.transpose() + touch.curvature * touch.gap;
+        let stiffness = stiffness / WALL_M_PER_N;
+        let cross = arm.cross_matrix();
+        let turned = stiffness * cross - force.cross_matrix();
+        self.wrench += stacked(&force, &arm.cross(&force));
+        let blocks = [
+            (0, 0, -stiffness),
+            (0, 3, turned),
+            (3, 0, force.cross_matrix() - cross * stiffness),
+            (3, 3, cross * turned),
+        ];
+        for (row, column, block) in blocks {
+            let mut own = self.tangent.fixed_view_mut::<3, 3>(row, column);
+            own += block;
+        }
+        self.nodes += 1;
+        self.energy_j += 0.5 * touch.gap * touch.gap / WALL_M_PER_N;
+    }
+
+    /// Adds its derivative to that of a wrench by rows.
+    pub fn add_tangent(&self, rows: &mut [[f64; 6]; 6]) {
+        for (row, own) in rows.iter_mut().enumerate() {
+            for (column, entry) in own.iter_mut().enumerate() {
+                *entry += self.tangent[(row, column)];
+            }
+        }
+    }
+}
+
+/// Force and moment as a wrench, (6).
+pub(super) fn stacked(a: &Vector3<f64>, b: &Vector3<f64>) -> Vector6<f64> {
+    Vector6::new(a.x, a.y, a.z, b.x, b.y, b.z)
+}
+
 /// Nodes that tools hold.
 #[derive(Clone, Debug)]
 pub(super) struct Sticking {
     rest_m: Vec<[f64; 3]>,
+    /// Boundary nodes that can be taken, and those that are fixed, (b).
     touchable: Vec<u32>,
+    walls: Vec<u32>,
     is_fixed: Vec<bool>,
     taken_m: f64,
     stuck: Vec<Option<Stuck>>,
@@ -65,8 +119,9 @@ impl Sticking {
         for node in fixed {
             is_fixed[*node as usize] = true;
         }
-        let mut touchable = surface.vertices;
-        touchable.retain(|node| !is_fixed[*node as usize]);
+        let vertices = surface.vertices.into_iter();
+        let (walls, touchable): (Vec<u32>, Vec<u32>) =
+            vertices.partition(|node| is_fixed[*node as usize]);
         let room = || Vec::with_capacity(touchable.len());
         Sticking {
             rest_m: mesh.points_m().to_vec(),
@@ -76,6 +131,7 @@ impl Sticking {
             held: Vec::with_capacity(nodes),
             rows: std::array::from_fn(|_| room()),
             touchable,
+            walls,
             is_fixed,
         }
     }
@@ -228,13 +284,26 @@ impl Sticking {
         solid: &Solid,
         positions_m: &[[f64; 3]],
     ) -> Option<(f64, Vector3<f64>, u32)> {
-        let gaps = self.touchable.iter().map(|node| {
+        let gaps = self.touchable.iter().chain(&self.walls).map(|node| {
             let at = Vector3::from(positions_m[*node as usize]);
             (solid.gap(&at), *node)
         });
         let (gap, node) = gaps.min_by(|a, b| a.0.total_cmp(&b.0))?;
         let touch = solid.touch(&positions_m[node as usize].into())?;
         Some((gap, -touch.normal, node))
+    }
+
+    /// What a tool with its grip there feels of fixed nodes.
+    pub fn wall(&self, solid: &Solid, grip: &Vector3<f64>) -> Wall {
+        let mut wall = Wall::default();
+        for node in &self.walls {
+            let at = Vector3::from(self.rest_m[*node as usize]);
+            let touch = solid.touch(&at).filter(|touch| touch.gap < 0.0);
+            if let Some(touch) = touch {
+                wall.add(&touch, &(at - grip));
+            }
+        }
+        wall
     }
 
     /// Nodes that a tool would meet if it went `depth_m` deeper than where it first touches, at `gap_m`, in `into`: each with

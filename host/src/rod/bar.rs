@@ -5,7 +5,7 @@
 use super::shape::PIECE_RADII;
 use super::touch::{MOST_TOUCHES, Touch};
 use crate::needle::Curve;
-use crate::tool::MOST_FRICTION;
+use crate::tool::{MOST_FRICTION, Shape, Tool};
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::Serialize;
 
@@ -60,6 +60,21 @@ impl Bar {
     pub(crate) fn curve(&self, pose: &Isometry3<f64>) -> Option<Curve> {
         let [front, back] = self.ends(pose);
         Curve::segment(&front, &back)
+    }
+
+    /// Its shape as that of a tool.
+    pub(crate) fn capsule(&self) -> Tool {
+        let axis = Vector3::from(self.axis);
+        let across = axis.cross(&Vector3::ith(axis.iamin(), 1.0)).normalize();
+        let shape = Shape::Capsule {
+            radius_m: self.radius_m,
+            length_m: self.length_m,
+        };
+        Tool {
+            axis: self.axis,
+            side: across.into(),
+            ..Tool::new(shape, self.offset_m)
+        }
     }
 
     /// Longest piece of its way near a surface with edges of `edge_m` \[m\].

@@ -7,6 +7,7 @@ use super::shape::Rod;
 use super::touch::{CORRECTED, MOST_TOUCHES, OVERLAP, Swept, Touch};
 use crate::anchors::PointConstraint;
 use crate::needle::{STIFFEST_M_PER_N, cone};
+use crate::source::tool::WALL_M_PER_N;
 use crate::source::{Room, Source};
 use crate::step::{Balance, BalanceWork, Felt, Sources, Status};
 use nalgebra::{Vector3, Vector6};
@@ -138,7 +139,10 @@ impl Source for BarSource {
         let w = system.compliance_mut(n);
         for row in bars.rows.clone() {
             let own = &mut w[row * (n + 1)];
-            *own = own.max(STIFFEST_M_PER_N);
+            *own = match *own {
+                0.0 => WALL_M_PER_N,
+                gives => gives.max(STIFFEST_M_PER_N),
+            };
         }
     }
 
@@ -224,10 +228,11 @@ impl Balance<'_> {
             let point = self.work.bars.points[index];
             let presses = self.state.grasp.lambda()[point.first_row] > 0.0;
             let touch = self.state.bars[point.bar].touches[point.place];
-            let slid_m = self.slipped(point.first_row);
+            let force = self.state.grasp.force_on(point.anchor);
+            let solved = (presses, force, self.slipped(point.first_row));
             let next = self
                 .carried(point.bar)
-                .and_then(|carried| self.corrected(&carried, &touch, (presses, slid_m), within_m));
+                .and_then(|carried| self.corrected(&carried, &touch, solved, within_m));
             if let Some(next) = next {
                 self.state.bars[point.bar].touches[point.place] = next;
                 right = false;

@@ -11,6 +11,7 @@ use crate::anchors::AnchorPoint;
 use crate::boxes::Bounds;
 use crate::mesh::HalfFace;
 use crate::needle::{Capsule, Lie, MOST_GROUPS, Slack};
+use crate::source::tool::WALL_M_PER_N;
 use crate::step::{Balance, Sources};
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -134,7 +135,7 @@ impl Balance<'_> {
                 }
                 self.look(swept, touches, stretch, *face, |feature, there| {
                     let is_near = there.gap_m < within_m && there.gap_m > -rod.radius_m;
-                    let is_new = is_near && there.is_within && self.gives(&there.at);
+                    let is_new = is_near && there.is_within;
                     if is_new && !is_known(found, feature, stretch) {
                         has_room &= found.len() < most;
                         found.extend(has_room.then(|| touch(swept, feature, there)));
@@ -194,17 +195,27 @@ impl Balance<'_> {
             .any(|(node, _)| !numbering.is_fixed(*node))
     }
 
-    /// A touch where the last solve has it, that `presses` or not and has slipped by so much \[m\]; nothing if that is where it lies
-    /// but for `within_m`, both.
+    /// How far a rod that presses on a prescribed point with `force` \[N\] goes beyond that \[m\]; nothing for a point that can
+    /// move.
+    fn stretch_m(&self, at: &AnchorPoint, force: &Vector3<f64>) -> Option<Vector3<f64>> {
+        (!self.gives(at)).then(|| force * WALL_M_PER_N)
+    }
+
+    /// A touch where the last solve has it, that `presses` or not, with `force` \[N\], and has slipped by so much \[m\]; nothing if
+    /// that is where it lies but for `within_m`, both.
     pub(crate) fn corrected(
         &self,
         swept: &impl Swept,
         known: &Touch,
-        (presses, slid_m): (bool, Vector3<f64>),
+        (presses, force, slid_m): (bool, Vector3<f64>, Vector3<f64>),
         within_m: [f64; 2],
     ) -> Option<Touch> {
         let found = self.find(swept, known.feature, known.alpha)?;
-        let gap_m = found.gap_m;
+        let (mut slid_m, mut gap_m) = (slid_m, found.gap_m);
+        if let Some(stretch_m) = self.stretch_m(&known.at, &force) {
+            slid_m += stretch_m;
+            gap_m -= found.normal.dot(&stretch_m);
+        }
         let is_inside = gap_m < -within_m[1] && gap_m > -swept.rod().radius_m;
         let is_off = if presses {
             !(-within_m[0]..=APART * within_m[0]).contains(&gap_m)
@@ -228,8 +239,11 @@ impl Balance<'_> {
     /// A touch where the balance has it; nothing if it has none.
     pub(crate) fn followed(&self, swept: &impl Swept, known: &Touch) -> Option<Touch> {
         let found = self.find(swept, known.feature, known.alpha)?;
-        let next = || known.moved(touch(swept, known.feature, &found));
-        found.is_within.then(next)
+        let mut next = known.moved(touch(swept, known.feature, &found));
+        if let Some(stretch_m) = self.stretch_m(&found.at, &known.force) {
+            next.lie.slid_m = stretch_m - found.normal * found.normal.dot(&stretch_m);
+        }
+        found.is_within.then_some(next)
     }
 }
 

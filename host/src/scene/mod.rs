@@ -316,6 +316,12 @@ impl Scene {
         !(self.needles.is_empty() && self.touching.is_empty() && self.jaws.is_empty())
     }
 
+    /// Whether a solve without a console follows scripts: what is at rest depends on the way there, or tools go ways of their own.
+    pub fn follows_scripts(&self) -> bool {
+        let goes = |tool: &Tool| !tool.driven && tool.way.is_some();
+        self.depends_on_way() || self.tools.iter().any(goes)
+    }
+
     /// Tools that are held while another is driven, with their poses.
     pub fn held(&self) -> impl Iterator<Item = (&Tool, Pose)> {
         let others = self.tools.iter().filter(|tool| !tool.driven);

@@ -223,9 +223,12 @@ fn read_solve_at(document: &Document, file: &SceneFile) -> Result<Option<f64>, S
     let Some(value) = &file.solve_at_s else {
         return Ok(None);
     };
-    if file.needle.is_empty() && file.tissue_contact.is_empty() && file.jaws.is_empty() {
+    let mut points = file.tool.iter().flat_map(|tool| &tool.get_ref().way_point);
+    let none_goes = !points.any(|point| point.get_ref().position_m.is_some());
+    let nothing = file.needle.is_empty() && file.tissue_contact.is_empty();
+    if nothing && file.jaws.is_empty() && none_goes {
         let message = "a time to solve at in a scene where nothing depends on the way there";
-        let help = "`sutura solve` follows scripts for needles, jaws and touching tissues only: add a `[[needle]]`, or leave this key out";
+        let help = "`sutura solve` follows scripts for needles, jaws, touching tissues and tools on ways of their own only: add a `[[needle]]`, or leave this key out";
         return Err(document.flaw(value.span(), message, "no needle", Some(help)));
     }
     let help = "seconds since the session begins";

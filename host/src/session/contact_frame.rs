@@ -7,6 +7,9 @@ use crate::step::ToolContact;
 use sutura_shared::wire::message::{Contact, State};
 use sutura_shared::wire::validate::MAX_POSITION;
 
+/// Number on the wire of the tool that the console's grip carries, whatever its id in the scene.
+pub(super) const GRIP: u8 = 0;
+
 /// Upper triangle by rows of the symmetric part of `tangent`, (21).
 pub fn pack_symmetric(tangent: &[[f64; 6]; 6]) -> [f32; 21] {
     let mut packed = [0.0; 21];
@@ -20,7 +23,7 @@ pub fn pack_symmetric(tangent: &[[f64; 6]; 6]) -> [f32; 21] {
 /// The contact frame for the state that `contact` was solved for, good until `horizon_us` after it.
 pub fn contact_frame(state: &State, contact: &ToolContact, horizon_us: u32) -> Contact {
     Contact {
-        tool: contact.id,
+        tool: GRIP,
         // As it came: the console extrapolates from exactly this pose.
         position_m: state.position_m,
         orientation: state.orientation,

@@ -2,6 +2,7 @@
 //!
 //! Entry point: [`needle_frame`].
 
+use super::contact_frame::GRIP;
 use crate::needle::TipPlace;
 use crate::step::StepReport;
 use sutura_shared::wire::message::{Course, Friction, Needle, Tip};
@@ -119,7 +120,7 @@ pub fn needle_frame(needle: &HeldNeedle) -> Needle {
     // not sent.
     let force = |value: f64| (value as f32).clamp(0.0, MAX_WRENCH);
     Needle {
-        tool: needle.tool,
+        tool: GRIP,
         needle: needle.needle,
         slide: needle.slide.map(|value| value as f32),
         tip: needle.tip,
@@ -194,7 +195,10 @@ mod tests {
         let held = HeldNeedle::in_jaws(&report, 3).expect("it holds tissue");
         let frame = needle_frame(&held);
         assert_eq!(frame.check(), Ok(()));
-        assert_eq!((frame.tool, frame.needle, frame.tip), (3, 252, Tip::Inside));
+        assert_eq!(
+            (frame.tool, frame.needle, frame.tip),
+            (GRIP, 252, Tip::Inside)
+        );
         assert_eq!((frame.axial_n, frame.friction), (-0.5, Friction::Sticks));
         assert_eq!(frame.friction_n, [MAX_WRENCH; 2]);
         assert_eq!(frame.stiffness_n_per_m, [200.0, 150.0]);

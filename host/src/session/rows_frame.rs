@@ -2,6 +2,7 @@
 //!
 //! Entry point: [`rows_frame`].
 
+use super::contact_frame::GRIP;
 use super::pack_symmetric;
 use crate::step::{ToolRowKind, ToolRows};
 use sutura_shared::wire::message::{Row, RowKind, Rows};
@@ -31,7 +32,7 @@ pub fn rows_frame(rows: &ToolRows) -> Option<Rows> {
     };
     let entries = &rows.compliance[..count * (count + 1) / 2];
     let frame = Rows {
-        tool: rows.tool,
+        tool: GRIP,
         held: pack_symmetric(&rows.held),
         curvature_per_m: rows.curvature_per_m as f32,
         rows: List::of((0..count).map(row)),
@@ -67,7 +68,7 @@ mod tests {
         let [first, second] = frame.rows.items() else {
             panic!("two rows: {frame:?}");
         };
-        assert_eq!(frame.tool, 3);
+        assert_eq!(frame.tool, GRIP);
         assert_eq!(
             (first.kind, first.lambda_n),
             (RowKind::Smooth { id: 71 }, 2.0)

@@ -2,6 +2,7 @@
 //!
 //! Entry point: [`thread_frame`].
 
+use super::contact_frame::GRIP;
 use crate::step::StepReport;
 use crate::thread::{ThreadReport, ThreadTension};
 use sutura_shared::wire::message::{End, Tension, Thread};
@@ -102,7 +103,7 @@ pub fn thread_frame(thread: &HeldThread) -> Thread {
     let direction = thread.direction.map(|value| value as f32);
     let is_slack = thread.state == Tension::Slack;
     Thread {
-        tool: thread.tool,
+        tool: GRIP,
         thread: thread.thread,
         end: thread.end,
         state: thread.state,

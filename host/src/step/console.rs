@@ -36,7 +36,7 @@ impl Balance<'_> {
         let touched = self.state.tools.contacts.len();
         let ahead_m = Vector3::from(options.ahead_m).norm();
         self.find_near_tools(options.reach_m + ahead_m);
-        self.add_coming((tool, smooth), most, options);
+        self.add_coming(tool, most, options);
         let rows = self.write_rows((tool, id, smooth), grip, tangent, most_rows, cones);
         self.state.tools.contacts.truncate(touched);
         rows
@@ -92,7 +92,7 @@ impl Balance<'_> {
 
     /// Takes up the vertices that a tool is nearest to, here or where it may go, as open contacts: as far as their columns
     /// are there.
-    fn add_coming(&mut self, (tool, smooth): (u32, bool), most: usize, options: &StepOptions) {
+    fn add_coming(&mut self, tool: u32, most: usize, options: &StepOptions) {
         let tools = &self.sources.tools;
         let Some(placement) = &self.state.tools.placements[tool as usize] else {
             return;
@@ -105,7 +105,7 @@ impl Balance<'_> {
         let count = most.min(room);
         for (_, node) in self.work.tools.near.iter().filter(|(of, _)| *of == tool) {
             let is = |contact: &Contact| (contact.tool, contact.node) == (tool, *node);
-            if !self.work.system.has(*node) {
+            if !(self.work.system.has(*node) || tools.is_wall(*node)) {
                 continue;
             }
             let at = self.position(*node);
@@ -128,7 +128,7 @@ impl Balance<'_> {
             }
         }
         for (_, node) in nearest.into_iter().flatten() {
-            let contact = Contact::coming((tool, smooth), node, &solid, self.position(node));
+            let contact = Contact::coming(tools, (tool, node), &solid, self.position(node));
             self.state.tools.contacts.extend(contact);
         }
     }

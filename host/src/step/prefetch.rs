@@ -73,6 +73,7 @@ fn find_next(balance: &mut Balance, options: &StepOptions) {
             let gap_m = solid.gap(&at).min(then.gap(&at));
             let touches = |contact: &Contact| (contact.tool, contact.node) == (tool, *node);
             if gap_m < NEAR * solid.radius() + options.reach_m
+                && !tools.is_wall(*node)
                 && !balance.state.tools.contacts.iter().any(touches)
             {
                 gaps.push((gap_m / solid.radius(), *node));

@@ -111,6 +111,9 @@ pub(super) fn reduce(
     balance.report.stored_energy_j = potential_j.map_or(stored, |potential_j| {
         potential_j - model.resting_potential_j
     });
+    if balance.state.tools.touch_walls() {
+        balance.report.stored_energy_j += balance.state.tools.stored_j();
+    }
     if !balance.sources.pairs.is_empty() {
         balance.report.stored_energy_j += balance.stored_in_pairs_j();
     }

@@ -177,13 +177,13 @@ impl Sources {
         Ok(())
     }
 
-    /// Adds tools, those that touch touch the boundary nodes `nodes`, which are `at_rest` (b) \[m\] with outward normals (b); none is
-    /// thinner than `least_m`.
+    /// Adds tools. Those that touch touch the boundary nodes `nodes`, free and prescribed, which are `at_rest` \[m\] with outward
+    /// normals; none is thinner than `least_m`.
     pub fn with_tools(
         mut self,
         tools: &[(u8, Tool)],
         least_m: f64,
-        nodes: &[u32],
+        nodes: (&[u32], &[u32]),
         at_rest: (&[Vector3<f64>], &[Vector3<f64>]),
     ) -> Self {
         if tools.iter().all(|(_, tool)| tool.is_grip()) {
@@ -195,7 +195,8 @@ impl Sources {
                 .iter()
                 .for_each(|node| group_of[*node as usize] = group);
         }
-        let group = nodes.iter().map(|node| group_of[*node as usize]).collect();
+        let each = nodes.0.iter().chain(nodes.1);
+        let group = each.map(|node| group_of[*node as usize]).collect();
         self.tools = TouchingTools::new(tools, least_m, nodes, at_rest, group);
         self
     }

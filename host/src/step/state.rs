@@ -436,6 +436,15 @@ impl State {
             .collect()
     }
 
+    /// Prescribed nodes that constraints act on, and the force on the tissue there \[N\]; a node may come more than once.
+    pub fn forces_on_prescribed(&self) -> impl Iterator<Item = (u32, [f64; 3])> {
+        let forces = self
+            .grasp()
+            .into_iter()
+            .flat_map(ConstraintState::on_prescribed);
+        forces.map(|(node, force)| (node, force.into()))
+    }
+
     /// Nodes that are touched and the force on the tissue there \[N\]; a node touched by two tools comes
     /// twice.
     pub fn contact_forces(&self, model: &Model) -> impl Iterator<Item = (u32, [f64; 3])> {

@@ -14,4 +14,5 @@ mod renewal;
 mod rows;
 mod small;
 mod tools;
+mod walls;
 mod worker;

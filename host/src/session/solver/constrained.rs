@@ -136,14 +136,15 @@ impl Constrained {
     }
 
     /// Steps until every tool is where the scene holds it, and corotational tissue in balance.
-    pub fn bring_in(&mut self, held: &[(u8, Tool, Pose)]) -> Result<StepReport, SolveError> {
-        if held.is_empty() {
-            return Ok(StepReport::default());
-        }
+    pub fn come_to_rest(&mut self, held: &[(u8, Tool, Pose)]) -> Result<StepReport, SolveError> {
         let (surface, points_m) = (self.model.surface(), self.model.points_m());
         let from: Vec<ToolSample> = held
             .iter()
-            .map(|(id, shape, pose)| at_rest(*id, &outside(surface, points_m, shape, pose)))
+            .map(|(id, shape, pose)| {
+                let body = self.model.body_of(*id);
+                let shape = body.as_ref().unwrap_or(shape);
+                at_rest(*id, &outside(surface, points_m, shape, pose))
+            })
             .collect();
         let to = held.iter().map(|(id, _, pose)| at_rest(*id, pose));
         let to: Vec<ToolSample> = to.collect();

@@ -209,12 +209,23 @@ impl SceneSolver {
         self.tune(plan);
     }
 
-    /// Brings tools to where they are held.
-    pub(crate) fn bring_in(&mut self, held: &[(u8, Tool, Pose)]) -> Result<StepReport, SolveError> {
+    /// Brings tools to where they are held, if there are any.
+    fn bring_in(&mut self, held: &[(u8, Tool, Pose)]) -> Result<(), SolveError> {
+        if !held.is_empty() {
+            self.come_to_rest(held)?;
+        }
+        Ok(())
+    }
+
+    /// Brings tools to where they are held, and tissue to rest with all that acts on it.
+    pub(crate) fn come_to_rest(
+        &mut self,
+        held: &[(u8, Tool, Pose)],
+    ) -> Result<StepReport, SolveError> {
         let Some(tissue) = self.follower.constrained() else {
             return Ok(self.past.last);
         };
-        self.past.last = tissue.bring_in(held)?;
+        self.past.last = tissue.come_to_rest(held)?;
         self.past.peaks.last_good = self.past.last;
         Ok(self.past.last)
     }

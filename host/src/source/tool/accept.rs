@@ -24,13 +24,26 @@ impl ToolContacts {
             };
             let force_n = contact.force_n();
             contact.ahead_m = placement.world(&contact.local_m) - contact.at_m;
+            let stretch_m = contact.stretch_m();
+            if contact.is_wall && contact.slips {
+                contact.ahead_m -= stretch_m;
+            }
             if contact.slips {
                 // All of the way that the tool ran ahead, as the hand and the tissue count theirs: along a round rim both
                 // normals have a part of it, one against the other.
-                *friction_j += 0.5 * (contact.before_n + force_n).dot(&contact.ahead_m);
+                let mut way_m = contact.ahead_m;
+                if contact.is_wall {
+                    // What goes into the normal is stored.
+                    way_m -= contact.normal * contact.normal.dot(&way_m);
+                }
+                *friction_j += 0.5 * (contact.before_n + force_n).dot(&way_m);
             }
             if contact.slips || tools.each[contact.tool as usize].tool.is_smooth() {
-                contact.local_m = placement.local(&contact.at_m);
+                contact.local_m = if contact.is_wall {
+                    placement.local(&(contact.at_m + stretch_m))
+                } else {
+                    placement.local(&contact.at_m)
+                };
             }
             contact.sticks = !contact.slips;
             contact.before_n = force_n;

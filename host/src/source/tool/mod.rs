@@ -34,6 +34,10 @@ use std::ops::Range;
 /// Most contacts at once, of all tools.
 pub(crate) const MOST_CONTACTS: usize = 192;
 
+/// Compliance of a contact with a prescribed vertex \[m/N\]: a fiftieth of soft tissue's, and what a console renders without
+/// shaking. Without any, several such vertices would say the same of one tool.
+pub(crate) const WALL_M_PER_N: f64 = 1e-4;
+
 /// Vertices in a run.
 const RUN: usize = 16;
 
@@ -54,8 +58,10 @@ pub(crate) struct TouchingTool {
 #[derive(Debug)]
 pub(crate) struct TouchingTools {
     each: Vec<TouchingTool>,
-    /// Boundary nodes that can move, ascending, (b).
+    /// Boundary nodes: those that can move, ascending, then prescribed ones, ascending, (b).
     nodes: Vec<u32>,
+    /// Number of those that can move.
+    free: usize,
     /// Where they rest under the loads \[m\], (b).
     resting_m: Vec<Vector3<f64>>,
     /// Their outward normals there, (b).
@@ -101,6 +107,9 @@ pub(crate) struct Contact {
     pub row: u32,
     /// Whether it has but the first of these: the tool does not rub.
     smooth: bool,
+    /// Whether its vertex is prescribed.
+    #[serde(skip)]
+    pub is_wall: bool,
 }
 
 impl Contact {
@@ -114,6 +123,17 @@ impl Contact {
         let slip = |direction: Vector3<f64>| direction.dot(&self.ahead_m);
         let slips = if self.slips { 1.0 } else { 0.0 };
         self.frame().map(|direction| slips * slip(direction))
+    }
+
+    /// Compliance of its rows beside the tissue's \[m/N\].
+    pub fn gives_m_per_n(&self) -> f64 {
+        if self.is_wall { WALL_M_PER_N } else { 0.0 }
+    }
+
+    /// Elastic part of the way by which the place where it sticks has run ahead of it, across the normal \[m\], (3).
+    fn stretch_m(&self) -> Vector3<f64> {
+        let force = self.force_n();
+        (force - self.normal * self.normal.dot(&force)) * self.gives_m_per_n()
     }
 
     /// Force of the tool on the tissue \[N\], (3).
@@ -142,12 +162,12 @@ pub(crate) struct ToolContacts {
 }
 
 impl TouchingTools {
-    /// The tools that have a shape, for a boundary with the nodes `nodes`, at `resting_m` (b) \[m\] with the outward
+    /// The tools that have a shape, for a boundary with the nodes `free` and `prescribed`, at `resting_m` (b) \[m\] with the outward
     /// `normals` (b), in `group` (b).
     pub fn new(
         tools: &[(u8, Tool)],
         least_m: f64,
-        nodes: &[u32],
+        (free, prescribed): (&[u32], &[u32]),
         (resting_m, normals): (&[Vector3<f64>], &[Vector3<f64>]),
         group: Vec<u32>,
     ) -> Self {
@@ -162,7 +182,8 @@ impl TouchingTools {
         });
         Self {
             each: each.collect(),
-            nodes: nodes.to_vec(),
+            nodes: [free, prescribed].concat(),
+            free: free.len(),
             resting_m: resting_m.to_vec(),
             normals: normals.to_vec(),
             groups: group.iter().max().map_or(0, |last| *last as usize + 1),
@@ -176,11 +197,16 @@ impl TouchingTools {
 
     /// No tools.
     pub fn none() -> Self {
-        Self::new(&[], 0.0, &[], (&[], &[]), Vec::new())
+        Self::new(&[], 0.0, (&[], &[]), (&[], &[]), Vec::new())
     }
 
     pub fn each(&self) -> &[TouchingTool] {
         &self.each
+    }
+
+    /// Whether a boundary node is prescribed.
+    pub fn is_wall(&self, node: u32) -> bool {
+        self.nodes[self.free..].binary_search(&node).is_ok()
     }
 
     /// Place among these of the model's tool `index`.
@@ -280,6 +306,18 @@ impl ToolContacts {
             Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z)
         });
         each.sum()
+    }
+
+    /// Whether a tool touches prescribed vertices.
+    pub fn touch_walls(&self) -> bool {
+        self.contacts.iter().any(|contact| contact.is_wall)
+    }
+
+    /// Elastic energy of contacts with prescribed vertices \[J\].
+    pub fn stored_j(&self) -> f64 {
+        let walls = self.contacts.iter().filter(|contact| contact.is_wall);
+        let squares = walls.map(|contact| contact.force_n().norm_squared());
+        0.5 * WALL_M_PER_N * squares.sum::<f64>()
     }
 
     /// As a copy of `other`, without new memory.

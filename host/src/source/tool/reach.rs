@@ -88,6 +88,9 @@ impl TouchingTools {
 
     /// As far as a vertex may be from where it rests \[m\].
     fn slack_of(&self, place: usize, slack_m: &[f64]) -> f64 {
+        if place >= self.free {
+            return 0.0;
+        }
         let slack_m = slack_m.get(self.group[place] as usize);
         slack_m.copied().unwrap_or(f64::MAX)
     }
@@ -139,7 +142,8 @@ impl ToolContacts {
     }
 
     /// Forgets tools that touch nothing though they are inside: they have slipped in between vertices, and start afresh
-    /// outside. Whether there were any.
+    /// outside. So do those that touch nothing but prescribed vertices, which would press them on inwards. Whether there were
+    /// any.
     pub fn forget_inside(
         &mut self,
         tools: &TouchingTools,
@@ -149,7 +153,8 @@ impl ToolContacts {
             let Some(placement) = &self.placements[tool] else {
                 continue;
             };
-            if self.count(tool as u32) > 0 {
+            let mut own = self.contacts.iter().filter(|c| c.tool as usize == tool);
+            if own.any(|contact| !contact.is_wall) {
                 continue;
             }
             let solid = tools.solid(tool, placement);
@@ -161,6 +166,7 @@ impl ToolContacts {
                 .is_some_and(|near| (middle - near.at).dot(&near.normal) < 0.0);
             if suspect && contains(&middle) {
                 self.placements[tool] = None;
+                self.contacts.retain(|c| c.tool as usize != tool);
                 return true;
             }
         }
@@ -251,7 +257,10 @@ mod tests {
             Shape::rounded_box([0.3, 0.5, 0.9]),
         ];
         let tools = shapes.map(|shape| (0, Tool::new(shape, [0.0; 3])));
-        TouchingTools::new(&tools, 0.01, &nodes, (&at, &normals), group)
+        // Every third run is of prescribed nodes.
+        let free = count - count / 3;
+        let nodes = nodes.split_at(free);
+        TouchingTools::new(&tools, 0.01, nodes, (&at, &normals), group)
     }
 
     fn somewhere(rng: &mut fastrand::Rng) -> Placement {
@@ -279,7 +288,9 @@ mod tests {
                 let more_m = 0.2 * rng.f64();
                 let gap = |solid: &Solid, place: usize| {
                     let slack_m = slack_m.get(tools.group[place] as usize);
-                    solid.gap(&tools.resting_m[place]) - slack_m.copied().unwrap_or(f64::MAX)
+                    let slack_m = slack_m.copied().unwrap_or(f64::MAX);
+                    let slack_m = if place < tools.free { slack_m } else { 0.0 };
+                    solid.gap(&tools.resting_m[place]) - slack_m
                 };
                 let mut expected = Vec::new();
                 for (tool, placement) in placements.iter().enumerate().take(2) {

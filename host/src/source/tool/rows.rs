@@ -81,6 +81,10 @@ impl ToolContacts {
             let rows = frame.into_iter().zip(targets);
             let count = if contact.smooth { 1 } else { 3 };
             for (axis, (direction, target_m)) in (0u64..).zip(rows.take(count)) {
+                if contact.is_wall {
+                    let row = set.rows.len() as u32;
+                    set.soft.push((row, contact.gives_m_per_n()));
+                }
                 set.rows.push(PointConstraint {
                     id: id | axis,
                     anchor,
@@ -234,11 +238,7 @@ impl ToolContacts {
         let local_m = entry.unwrap_or_else(nearest);
         Contact {
             local_m,
-            ..Contact::new(
-                (tool, tools.each[tool as usize].tool.is_smooth()),
-                node,
-                at_m,
-            )
+            ..Contact::new(tools, (tool, node), at_m)
         }
     }
 }
@@ -270,7 +270,7 @@ fn first_inside(
 
 impl Contact {
     /// At a vertex, without force.
-    fn new((tool, smooth): (u32, bool), node: u32, at_m: Vector3<f64>) -> Self {
+    fn new(tools: &TouchingTools, (tool, node): (u32, u32), at_m: Vector3<f64>) -> Self {
         Self {
             tool,
             node,
@@ -286,13 +286,19 @@ impl Contact {
             ahead_m: Vector3::zeros(),
             before_n: Vector3::zeros(),
             row: 0,
-            smooth,
+            smooth: tools.each[tool as usize].tool.is_smooth(),
+            is_wall: tools.is_wall(node),
         }
     }
 
     /// At a vertex that a tool may come to touch, with the tool's shape as it is now.
-    pub fn coming(of: (u32, bool), node: u32, solid: &Solid, at_m: Vector3<f64>) -> Option<Self> {
-        let mut contact = Self::new(of, node, at_m);
+    pub fn coming(
+        tools: &TouchingTools,
+        of: (u32, u32),
+        solid: &Solid,
+        at_m: Vector3<f64>,
+    ) -> Option<Self> {
+        let mut contact = Self::new(tools, of, at_m);
         contact.look(solid, at_m).then_some(contact)
     }
 
@@ -311,7 +317,11 @@ impl Contact {
             settled.residual = f64::INFINITY;
             return;
         }
-        let gap = self.gap_m / solid.radius();
+        let gap = if self.is_wall {
+            (self.gap_m + self.gives_m_per_n() * self.lambda_n[0]) / solid.radius()
+        } else {
+            self.gap_m / solid.radius()
+        };
         let off = if self.lambda_n[0] > 0.0 {
             gap.abs().max((self.normal - before).norm())
         } else {

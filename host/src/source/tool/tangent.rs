@@ -41,10 +41,15 @@ struct Slide {
     turns: Matrix2<f64>,
     bends: Matrix2<f64>,
     swings: Matrix2<f64>,
+    /// Whether the vertex itself does not move.
+    is_wall: bool,
 }
 
 impl Slide {
     fn follows(&self) -> Matrix2<f64> {
+        if self.is_wall {
+            return -self.swings;
+        }
         self.turns * self.bends - self.swings
     }
 }
@@ -89,13 +94,18 @@ impl Touched {
                 turns,
                 bends,
                 swings: swing,
+                is_wall: contact.is_wall,
             })
         };
         Some(Self {
             row: contact.row as usize,
             at_m: contact.at_m,
             moves_at_m: contact.at_m,
-            sticks_at_m: contact.at_m + contact.ahead_m,
+            sticks_at_m: if contact.is_wall && contact.slips {
+                contact.at_m + contact.ahead_m + contact.stretch_m()
+            } else {
+                contact.at_m + contact.ahead_m
+            },
             frame,
             normal: contact.normal,
             force_n: contact.force_n(),
@@ -127,6 +137,7 @@ impl Touched {
                 turns: Matrix2::zeros(),
                 bends: Matrix2::zeros(),
                 swings: aside * aside.transpose() * (pressing * friction / way),
+                is_wall: false,
             })
         });
         Self {
