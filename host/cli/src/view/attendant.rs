@@ -13,7 +13,6 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 use sutura_host::link::{LinkError, Order};
-use sutura_host::scene::Pose;
 use sutura_host::session::{Arms, Attendant};
 use sutura_host::tool::Act;
 use sutura_shared::wire::message::{Command as ToConsole, HandScript, Simulate};
@@ -86,12 +85,10 @@ impl PageAttendant {
             let message = "the tool of this console is not this page's to move";
             return Err((message.to_owned(), "take it out by hand, then arm"));
         };
-        let now_s = since.elapsed().as_secs_f64();
-        // Nothing pushes at a grip whose motors are off: it is where the hand wants it, as good as.
-        let grip = Pose {
-            position_m: guide.at(now_s),
-            orientation: [0.0, 0.0, 0.0, 1.0],
+        let Some(grip) = self.telemetry.grip() else {
+            return Err(("the console has said nothing yet".to_owned(), "wait for it"));
         };
+        let now_s = since.elapsed().as_secs_f64();
         let (script, way_s) = out.way(guide, now_s, &grip)?;
         self.is_stopped = true;
         self.orders = [

@@ -200,6 +200,11 @@ impl Gauges {
         }
     }
 
+    /// The newest state.
+    pub fn newest(&self) -> Option<&State> {
+        self.last.as_ref()
+    }
+
     /// Session time of the newest state \[s\].
     pub fn time_s(&self) -> f64 {
         self.time_s

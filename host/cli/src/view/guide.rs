@@ -132,15 +132,15 @@ impl Guide {
         self.tell(now_s, &[(0.0, at), (way_s, start)])
     }
 
-    /// Goes straight from where the grip is, with its joints at `start_joint`, to a place, and stays there. What it is told, and how
-    /// long that takes \[s\].
+    /// Goes straight from where it wants the grip to a place, and stays there; the console's joints are at `start_joint`. What it is
+    /// told, and how long that takes \[s\].
     pub fn take_out(
         &mut self,
         now_s: f64,
-        from: [f64; 3],
         to: [f64; 3],
         start_joint: [f32; JOINTS],
     ) -> (HandScript, f64) {
+        let from = self.at(now_s);
         self.places.clear();
         self.doing = Doing::Script;
         let way_s = (distance(&from, &to) / OUT_M_PER_S).max(OUT_S);
@@ -401,8 +401,7 @@ mod tests {
         let mut guide = Guide::new(hand());
         guide.drag(0.0, Some([0.0, 0.0, -0.011]));
         run(&mut guide, 0.0, 1.0);
-        let from = guide.at(1.0);
-        let (script, way_s) = guide.take_out(1.0, from, [0.0, 0.0, 0.02], [0.1, 0.2, 0.3]);
+        let (script, way_s) = guide.take_out(1.0, [0.0, 0.0, 0.02], [0.1, 0.2, 0.3]);
         assert_eq!(Simulate::Hand(script).check(), Ok(()));
         assert_eq!(script.start_joint, [0.1, 0.2, 0.3]);
         assert!((way_s - 0.31).abs() < 1e-6, "{way_s} s");

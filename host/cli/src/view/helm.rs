@@ -7,7 +7,7 @@ use super::prepare::{Prepared, Wish};
 use super::saves::Saves;
 use super::settings::{Change, Setting};
 use super::show::Show;
-use super::take_out::{NoWay, RESTS_S, TakeOut};
+use super::take_out::{NoWay, RESTS_S, TakeOut, grip};
 use crate::failure::Failure;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use sutura_host::link::Order;
-use sutura_host::scene::{Pose, Tissue};
+use sutura_host::scene::Tissue;
 use sutura_host::session::{Plan, Steer, Steered, Tuning};
 use sutura_host::tool::Act;
 use sutura_shared::wire::message::{Command as ToConsole, Mode, Simulate};
@@ -317,10 +317,7 @@ impl<'a> Helm<'a> {
     /// Disarms, moves the grip out of the tissue, and arms when it is there.
     fn take_out(&mut self, now: &Steered<'_>, orders: &mut Vec<Order>) -> Result<(), NoWay> {
         let now_s = self.time_s(now);
-        let grip = Pose {
-            position_m: now.state.position_m.map(f64::from),
-            orientation: now.state.orientation.map(f64::from),
-        };
+        let grip = grip(now.state);
         let Some(out) = &self.out else {
             let message = "the console's grip carries nothing that could be in the tissue";
             return Err((message.to_owned(), "arm the console"));

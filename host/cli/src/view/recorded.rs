@@ -135,7 +135,8 @@ pub fn show(
         tell(shared, &line, "verified");
         note!("{}", line.text);
     }
-    if let Some(at) = at {
+    // Pictures of a program that is to end were left out.
+    if let Some(at) = at.filter(|_| !stop.load(Ordering::Relaxed)) {
         // A picture is made of the first solve that is due.
         let period_s = 1.0 / line.hz + 1.0 / about.plan.host_hz;
         let found_s = pictures.before(at.at_s);

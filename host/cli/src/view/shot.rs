@@ -58,6 +58,12 @@ pub fn take(
     let shown = what.show(&mut page, None, args, Some(at), stop);
     stop.store(true, Ordering::Relaxed);
     let taken = taking.join();
+    // What went wrong in the browser ends the session, and not the other way round.
+    if let Ok(Err(error)) = &taken
+        && error.kind() != io::ErrorKind::Interrupted
+    {
+        return Err(failed(browser, shot, error));
+    }
     shown?;
     match taken {
         Ok(Ok(drawn_s)) => {
@@ -177,7 +183,10 @@ impl Browser {
             let answer: Value = serde_json::from_slice(&bytes)?;
             if answer["id"] == self.asked {
                 return match answer.get("error") {
-                    Some(error) => Err(io::Error::other(error["message"].to_string())),
+                    Some(error) => {
+                        let message = error["message"].to_string();
+                        Err(io::Error::new(io::ErrorKind::InvalidInput, message))
+                    }
                     None => Ok(answer["result"].clone()),
                 };
             }
@@ -222,7 +231,11 @@ impl Tab {
 
     /// What the page says now; nothing while it is being loaded.
     fn look(&mut self) -> io::Result<Seen> {
-        let said = self.evaluate(SEEN)?;
+        let said = match self.evaluate(SEEN) {
+            // A page that is being loaded has nothing that could be asked.
+            Err(error) if error.kind() == io::ErrorKind::InvalidInput => Value::Null,
+            said => said?,
+        };
         Ok(Seen {
             drawn_s: said["drawn"].as_str().and_then(|text| text.parse().ok()),
             blocks: said["blocks"].as_u64().unwrap_or_default(),

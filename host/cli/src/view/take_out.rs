@@ -6,7 +6,7 @@ use super::guide::Guide;
 use sutura_host::scene::{Pose, Scene, joints_at};
 use sutura_host::session::{Plan, SceneSolver, WayOut};
 use sutura_shared::device::DeviceDescription;
-use sutura_shared::wire::message::HandScript;
+use sutura_shared::wire::message::{HandScript, State};
 
 /// Wait between the end of the way and arming, in which the hand's spring comes to rest \[s\].
 pub const RESTS_S: f64 = 0.2;
@@ -15,6 +15,14 @@ pub const RESTS_S: f64 = 0.2;
 pub struct TakeOut {
     ways: WayOut,
     device: DeviceDescription,
+}
+
+/// Pose of the grip in a state.
+pub fn grip(state: &State) -> Pose {
+    Pose {
+        position_m: state.position_m.map(f64::from),
+        orientation: state.orientation.map(f64::from),
+    }
 }
 
 /// Why there is no way, and what helps.
@@ -40,7 +48,6 @@ impl TakeOut {
         grip: &Pose,
     ) -> Result<(HandScript, f64), NoWay> {
         let help = "`Start again` begins with the tool outside";
-        let from = grip.position_m;
         let out = self.ways.from(grip).ok_or_else(|| {
             (
                 "there is no way out of the tissue from here".to_owned(),
@@ -51,10 +58,15 @@ impl TakeOut {
             let message = "the tool is not in the tissue".to_owned();
             return Err((message, "arm the console"));
         }
+        // The hand is a spring that the grip hangs from: it goes as far as the grip is to go.
+        let from = guide.at(now_s);
         let to = [0, 1, 2].map(|axis: usize| from[axis] + out[axis]);
         let kinematics = &self.device.kinematics;
-        match (joints_at(kinematics, from), joints_at(kinematics, to)) {
-            (Some(start_joint), Some(_)) => Ok(guide.take_out(now_s, from, to, start_joint)),
+        match (
+            joints_at(kinematics, grip.position_m),
+            joints_at(kinematics, to),
+        ) {
+            (Some(start_joint), Some(_)) => Ok(guide.take_out(now_s, to, start_joint)),
             _ => {
                 let [x, y, z] = to.map(|along| 1e3 * along);
                 let message = format!(

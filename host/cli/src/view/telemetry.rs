@@ -4,10 +4,12 @@
 
 use super::gauges::Gauges;
 use super::live::Tap;
+use super::take_out::grip;
 use serde_json::{Map, Value, json};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use sutura_host::picture::{SolveRow, SolvesOf, TickRow, encode_solves, encode_ticks};
 use sutura_host::recording::{Passed, Seen, SolveSample};
+use sutura_host::scene::Pose;
 use sutura_host::session::{LimitedTicks, LinkSummary, fault_words};
 use sutura_shared::wire::faults;
 use sutura_shared::wire::message::{Mode, Report, State};
@@ -137,6 +139,11 @@ impl Telemetry {
         said.insert("session".to_owned(), json!(session));
         said.insert("stopped_by".to_owned(), json!(inner.stopped_by));
         said
+    }
+
+    /// Where the grip was in the newest state.
+    pub fn grip(&self) -> Option<Pose> {
+        self.lock().gauges.newest().map(grip)
     }
 
     /// Somebody has asked for a safe stop.
