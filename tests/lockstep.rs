@@ -258,14 +258,15 @@ fn a_missed_budget_has_its_own_exit_code_and_still_a_summary() {
     assert!(ran.stderr.contains("budget"), "{}", ran.stderr);
 }
 
-/// Static solve of the scene by other means (see tests/data/README.md), with the hand's spring and no friction.
+/// Static solve of the frictionless scene by other means (see tests/data/README.md), with the hand's spring.
 /// 2 %: the virtual console's joints have Coulomb friction, which takes its share of the hand's push where it rests.
 #[test]
 fn the_peak_agrees_with_an_independent_solve() {
     let reference = include_str!("data/palpation-peak.json");
     let reference: Value = serde_json::from_str(reference).unwrap();
     let expected = reference["force_n"].as_f64().unwrap();
-    let peak = run(&[])["force_n"]["peak"].as_f64().unwrap();
+    let summary = run(&["scenes/palpation-frictionless.toml"]);
+    let peak = summary["force_n"]["peak"].as_f64().unwrap();
     assert!(
         (peak - expected).abs() <= 0.02 * expected,
         "{peak} N, not {expected} N"

@@ -69,7 +69,7 @@ impl Solve for Watched {
 }
 
 fn palpation() -> Scene {
-    let text = std::fs::read_to_string(root().join("scenes/palpation.toml")).unwrap();
+    let text = std::fs::read_to_string(root().join("scenes/palpation-frictionless.toml")).unwrap();
     let text = if full() {
         text
     } else {

@@ -22,7 +22,7 @@ fn numbers(value: &Value) -> [f64; 3] {
 fn the_deepest_point_agrees_with_scikit_fem() {
     let text = std::fs::read_to_string(path("tests/data/palpation-peak.json")).expect("the file");
     let expected: Value = serde_json::from_str(&text).expect("JSON");
-    let scene = scene::load(&path("scenes/palpation.toml")).expect("the scene");
+    let scene = scene::load(&path("scenes/palpation-frictionless.toml")).expect("the scene");
     let (model, mut state, mut work) = scene.build().expect("a model");
     let options = StepOptions::with_vertices(usize::MAX);
     let tool = scene.tools[0].id;
@@ -60,7 +60,8 @@ fn the_deepest_point_agrees_with_scikit_fem() {
 /// step has a contact, but for those that wait for columns of a new factor.
 #[test]
 fn corotational_tissue_follows_the_scenes_hand() {
-    let text = std::fs::read_to_string(path("scenes/palpation.toml")).expect("the scene");
+    let text =
+        std::fs::read_to_string(path("scenes/palpation-frictionless.toml")).expect("the scene");
     let text = text.replace("model = \"linear\"", "model = \"corotational\"");
     let file = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("palpation-corotational.toml");
     std::fs::write(&file, text).expect("a file");

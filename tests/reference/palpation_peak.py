@@ -5,7 +5,7 @@ sparse system in (displacement, tool position), contact by an augmented Lagrangi
 Parameters come from the scene file, so the two cannot drift apart.
 
     python -m venv venv && venv/bin/pip install numpy==2.4.6 scipy==1.17.1 scikit-fem==12.0.2
-    venv/bin/python tests/reference/palpation_peak.py scenes/palpation.toml > tests/data/palpation-peak.json
+    venv/bin/python tests/reference/palpation_peak.py scenes/palpation-frictionless.toml > tests/data/palpation-peak.json
 """
 
 import itertools

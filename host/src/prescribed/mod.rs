@@ -167,6 +167,13 @@ impl Prescribed {
             let help = "give `--rendering tangent` or `--rendering hold`, or `--tissue linear`";
             return Err(refuse(reason.to_owned(), help));
         }
+        if let Some(tool) = scene.tools.iter().find(|tool| !tool.shape.is_smooth()) {
+            let name = model.name();
+            tracing::warn!(
+                "tools stick to {name} tissue: the `friction` of tool {} changes nothing",
+                tool.id
+            );
+        }
         let shapes: Vec<_> = scene
             .tools
             .iter()
@@ -709,12 +716,6 @@ fn refused(scene: &Scene, entry: &registry::Entry) -> Option<(String, &'static s
             "it has tissues that touch, which only tissue with rows takes".to_owned(),
             help,
         ));
-    }
-    if let Some(tool) = scene.tools.iter().find(|tool| !tool.shape.is_smooth()) {
-        let help =
-            "leave `friction` out, or take `linear`, `corotational` or `hyperelastic` tissue";
-        let reason = format!("tool {} rubs, and to this model tools stick", tool.id);
-        return Some((reason, help));
     }
     if let Some(added) = scene.added.first() {
         let (name, _) = added.explain();

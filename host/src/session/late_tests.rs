@@ -27,7 +27,7 @@ struct Outcome {
 }
 
 fn scene() -> Scene {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes/palpation.toml");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes/palpation-frictionless.toml");
     load(&path).expect("a shipped scene")
 }
 

@@ -39,7 +39,7 @@ const SESSION_PASSES: usize = 2;
 #[derive(Args, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct BenchArgs {
-    /// Scenes with a `[hand]` whose path the driven tool follows; the palpation scene when left out.
+    /// Scenes with a `[hand]` whose path the driven tool follows; scenes/palpation-frictionless.toml when left out.
     #[arg(conflicts_with = "suite")]
     pub scenes: Vec<PathBuf>,
     /// Tissue model, in place of the scenes': `linear` or `corotational`; `sutura tradeoff` measures the others.
@@ -62,7 +62,7 @@ pub struct BenchArgs {
 
 const EXAMPLES: &str = "\
 Examples:
-  sutura bench                             the palpation scene
+  sutura bench                             the palpation scene without friction
   sutura bench scenes/palpation.toml my.toml --format json
   sutura bench scenes/anastomosis-50.toml --tissue corotational
   sutura bench --suite                     60 and 150 rows on tubes and a cylinder, up to 20,000 nodes
@@ -199,7 +199,7 @@ pub fn run(args: &BenchArgs, global: &Global) -> Result<(), Failure> {
             scenes.retain(|scene| scene.name.contains(only.as_str()));
         }
     } else if args.scenes.is_empty() {
-        scenes.push(scene::open(None)?);
+        scenes.push(scene::frictionless()?);
     }
     for path in &args.scenes {
         scenes.push(scene::open(Some(path))?);

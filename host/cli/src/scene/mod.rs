@@ -14,6 +14,8 @@ use sutura_host::scene::{self, Document, Scene, SceneError, Sources, Tissue};
 pub const DEFAULT: &str = "scenes/palpation.toml";
 /// The same scene for use anywhere else.
 const EMBEDDED: &str = include_str!("../../../../scenes/palpation.toml");
+/// The palpation without friction, against which times are compared.
+const FRICTIONLESS: &str = include_str!("../../../../scenes/palpation-frictionless.toml");
 
 /// The line of it that says how fine the slab is.
 const DIVISIONS: &str = "divisions = [20, 20, 8]";
@@ -88,14 +90,23 @@ fn show(mut scene: Scene) -> Scene {
     scene
 }
 
-/// The palpation scene on a slab of these divisions.
+/// The palpation without friction, for figures that stay comparable.
+///
+/// # Errors
+/// None unless the shipped scene is not sound.
+pub fn frictionless() -> Result<Scene, Failure> {
+    let document = Document::embedded("palpation-frictionless.toml", Path::new(""), FRICTIONLESS);
+    Ok(show(scene::read(&document)?))
+}
+
+/// The same on a slab of these divisions.
 ///
 /// # Errors
 /// Bad input, for divisions that make no slab.
 pub fn palpation_on(divisions: [usize; 3]) -> Result<Scene, Failure> {
     let [x, y, z] = divisions;
-    let text = EMBEDDED.replacen(DIVISIONS, &format!("divisions = [{x}, {y}, {z}]"), 1);
-    let document = Document::embedded("palpation.toml", Path::new(""), &text);
+    let text = FRICTIONLESS.replacen(DIVISIONS, &format!("divisions = [{x}, {y}, {z}]"), 1);
+    let document = Document::embedded("palpation-frictionless.toml", Path::new(""), &text);
     let mut scene = Scene::read(&document, "palpation")?;
     scene.name = format!("palpation {x} x {y} x {z}");
     Ok(scene)
@@ -115,8 +126,7 @@ mod tests {
     fn the_suite_changes_the_mesh_and_nothing_else() {
         let scene = palpation_on([6, 5, 4]).expect("the embedded scene is good");
         assert_eq!(scene.mesh.points_m().len(), 7 * 6 * 5);
-        let embedded = Document::embedded("palpation.toml", Path::new(""), EMBEDDED);
-        let own = Scene::read(&embedded, "palpation").expect("the embedded scene is good");
+        let own = frictionless().expect("the embedded scene is good");
         assert_eq!(
             (own.hand, own.host, &own.tools),
             (scene.hand, scene.host, &scene.tools)

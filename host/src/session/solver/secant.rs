@@ -241,7 +241,7 @@ mod tests {
     const DEEP_M: f64 = 4.4e-3;
 
     fn solver(law: &str) -> (SceneSolver, State, f64) {
-        let text = include_str!("../../../../scenes/palpation.toml");
+        let text = include_str!("../../../../scenes/palpation-frictionless.toml");
         let text = text.replace("divisions = [20, 20, 8]", "divisions = [10, 10, 4]");
         let text = text.replace("model = \"linear\"", &format!("model = \"{law}\""));
         let document = Document::embedded(law, Path::new(""), &text);

@@ -1,4 +1,4 @@
-//! The palpation scene with its real solver: a sphere on a slab, a contact whose nodes come and go.
+//! The palpation scene without friction with its real solver: a sphere on a slab, a contact whose nodes come and go.
 //!
 //! Entry point: [`Palpation::load`]. Host and truth each solve for themselves. Compliance columns are the same for all:
 //! those of every vertex that a hand comes near are computed before any run, as sessions do, so that no run finds others
@@ -14,7 +14,7 @@ use sutura_host::step::{State, Status, StepOptions, StepReport, Workspace, step}
 use sutura_host::tool::ToolSample;
 
 /// The scene as it is shipped.
-const FILE: &str = include_str!("../../../../../scenes/palpation.toml");
+const FILE: &str = include_str!("../../../../../scenes/palpation-frictionless.toml");
 /// How far from the way of a hand vertices are prepared: in radii, and \[m\]. As far as sessions do.
 const PREPARED_RADII: f64 = 1.5;
 const PREPARED_MARGIN_M: f64 = 0.003;

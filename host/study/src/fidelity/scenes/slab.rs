@@ -1,4 +1,4 @@
-//! The palpation scene on tissue that is not linear, on a mesh that such tissue is solved on 60 times a second, with the
+//! The palpation scene without friction on tissue that is not linear, on a mesh that such tissue is solved on 60 times a second, with the
 //! solver that a session would have.
 //!
 //! Entry point: [`Slab::load`]. Both have rows, and a contact without friction.
@@ -16,7 +16,7 @@ use sutura_shared::wire::message::Fixture;
 use super::super::plant::Mechanics;
 
 /// The scene as it is shipped.
-const FILE: &str = include_str!("../../../../../scenes/palpation.toml");
+const FILE: &str = include_str!("../../../../../scenes/palpation-frictionless.toml");
 /// Half as many edges along each axis: an eighth of the cells.
 const DIVISIONS: [&str; 2] = ["divisions = [20, 20, 8]", "divisions = [10, 10, 4]"];
 
