@@ -96,6 +96,7 @@ impl From<SolveError> for Failure {
             SolveError::NoRest(_) | SolveError::NoWay { .. } => Cause::Failed,
             SolveError::Nothing
             | SolveError::NoHand
+            | SolveError::NoRoom { .. }
             | SolveError::Prescribed(_)
             | SolveError::Scene(_)
             | SolveError::Tissue(_) => Cause::BadInput,
