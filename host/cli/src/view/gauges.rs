@@ -341,7 +341,7 @@ mod tests {
         let solve = serde_json::from_value(solve).expect("a solve");
         (0..20).for_each(|_| gauges.solve(&solve));
         gauges.said.0 = Instant::now() - Duration::from_secs(1);
-        let said = gauges.said(None, None);
+        let said = gauges.said(None, None, None);
         let number = |value: &Value| value.as_f64().expect("a number");
         let speed = number(&said["speed"]);
         assert!((number(&said["host_hz"]) - 200.0).abs() < 1e-9, "{said:?}");
@@ -357,6 +357,6 @@ mod tests {
         );
         assert!(speed < 0.1001 && on_wall_us > 4900.0, "{said:?}");
         // Time that stands still has no rate.
-        assert!(gauges.said(None, None)["wall_hz"].is_null());
+        assert!(gauges.said(None, None, None)["wall_hz"].is_null());
     }
 }
