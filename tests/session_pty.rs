@@ -186,7 +186,7 @@ fn a_bad_line_in_real_time_never_gives_more_force() {
     });
     let line = Line::from(Box::new(port) as Box<dyn sutura_host::link::Port>);
     let summary = run_real_time(line, patient(), &plan, &mut Plane, |note| {
-        largest = largest.max(force(note.state));
+        largest = largest.max(note.state.map_or(0.0, force));
         ControlFlow::Continue(())
     })
     .unwrap();
@@ -299,8 +299,9 @@ fn try_with_a_loss(arms: bool) -> Option<(Summary, Vec<&'static str>, f64)> {
             *console.lock().unwrap() = None;
             *console.lock().unwrap() = Some(start());
         }
-        if replaced && note.state.mode == Mode::Idle {
-            resting = resting.max(f64::from(force(note.state)));
+        let idle = note.state.filter(|state| state.mode == Mode::Idle);
+        if let Some(state) = idle.filter(|_| replaced) {
+            resting = resting.max(f64::from(force(state)));
         }
         ControlFlow::Continue(())
     });

@@ -3,7 +3,7 @@
 
 use crate::support::{root, sutura};
 use serde_json::{Value, json};
-use std::io::{BufRead as _, BufReader, Read as _};
+use std::io::{BufRead as _, BufReader, ErrorKind, Read as _, Write as _};
 use std::net::TcpStream;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -761,4 +761,130 @@ fn a_client_that_stands_still_goes_on_in_the_present() {
     assert!(pictures[0] < began_s + 1.0, "{pictures:?} s");
     assert!(pictures[3] >= now_s - 0.2, "{pictures:?} s at {now_s} s");
     assert_eq!(running.stop().0, 0);
+}
+
+/// A connection with the begin of a request that never ends.
+fn half(address: &str) -> TcpStream {
+    let mut stream = TcpStream::connect(address).unwrap();
+    // It may have been closed already.
+    let _ = stream.write_all(b"GET / HTTP/1.1\r\nhost: half");
+    stream.set_nonblocking(true).unwrap();
+    stream
+}
+
+/// A session in real time, `beside` which half requests are opened anew whenever they are closed; its summary, and how long a new
+/// page took to be greeted.
+fn session_beside(beside: usize, hold: Duration) -> (Value, Duration) {
+    let seconds = format!("{:.1}", hold.as_secs_f64() + 4.0);
+    let folder = tempdir().unwrap();
+    let last = folder.path().join("last.mcap");
+    let arguments = [
+        "run",
+        "--view",
+        "--view-port",
+        "0",
+        "--seconds",
+        &seconds,
+        "--rearm",
+        "--format",
+        "json",
+        "--save-last",
+        last.to_str().unwrap(),
+    ];
+    let running = Running::start(&arguments);
+    let mut first = running.client();
+    first.event("armed");
+    let mut halves: Vec<_> = (0..beside).map(|_| half(&running.address)).collect();
+    let began = Instant::now();
+    let mut greeted = Duration::ZERO;
+    loop {
+        for stream in &mut halves {
+            let is_open = matches!(stream.read(&mut [0; 512]), Err(error) if error.kind() == ErrorKind::WouldBlock);
+            if !is_open {
+                *stream = half(&running.address);
+            }
+        }
+        // A page that comes now, and what a session writes for it.
+        let asked = Instant::now();
+        let mut page = running.client();
+        assert_eq!(page.hello()["role"], "watch");
+        greeted = greeted.max(asked.elapsed());
+        #[cfg(target_os = "linux")]
+        {
+            let folder = format!("/proc/{}/fd", running.child.id());
+            let open = std::fs::read_dir(folder).unwrap().count();
+            assert!(open < 200, "{open} files and connections are open");
+        }
+        if began.elapsed() >= hold {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(200));
+    }
+    first.does(json!({"do": "save_last"}));
+    drop(halves);
+    let (_, said) = running.finish();
+    assert!(last.exists(), "the last seconds were written");
+    (serde_json::from_str(&said).unwrap(), greeted)
+}
+
+/// Half requests of a program without the key keep nobody from the page, and leave the session's files alone. In the long form 1,100 for a
+/// minute, with the times printed.
+#[test]
+fn half_requests_beside_a_session_shut_nobody_out() {
+    let (beside, hold) = match full() {
+        true => (1100, Duration::from_secs(60)),
+        false => (300, Duration::from_secs(1)),
+    };
+    let (summary, greeted) = session_beside(beside, hold);
+    println!("{beside} half requests: greeted after {greeted:?} at most");
+    assert_eq!(
+        summary["view"]["clients"].as_u64().map(|pages| pages >= 2),
+        Some(true),
+        "{summary}"
+    );
+    if full() {
+        let (alone, _) = session_beside(0, hold);
+        let p99 = |summary: &Value| summary["session_us"]["p99"].as_f64().unwrap();
+        println!(
+            "p99 of a solve: {:.0} us, {:.0} us alone",
+            p99(&summary),
+            p99(&alone)
+        );
+    }
+}
+
+/// A browser is given a file that leads to the page: everybody reads the command lines of a machine, and nobody but the user that file.
+#[cfg(target_os = "linux")]
+#[test]
+fn the_key_is_in_no_command_line() {
+    use std::os::unix::fs::PermissionsExt as _;
+    let folder = tempdir().unwrap();
+    let program = folder.path().join("xdg-open");
+    let said = folder.path().join("said");
+    let script = "#!/bin/sh\nprintf '%s\\n' \"$@\" > said.new && mv said.new said\n"
+        .replace("said", said.to_str().unwrap());
+    std::fs::write(&program, script).unwrap();
+    std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
+    let path = std::env::var("PATH").unwrap_or_default();
+    let path = format!("{}:{path}", folder.path().display());
+    let running = Running::start_with(&["view", "--view-port", "0", "--open"], &[("PATH", &path)]);
+    let began = Instant::now();
+    while !said.exists() {
+        assert!(began.elapsed() < LONG, "no browser was started");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let argument = std::fs::read_to_string(&said).unwrap();
+    assert!(!argument.contains(&running.key), "{argument}");
+    let file = std::path::PathBuf::from(argument.trim_end());
+    let text = std::fs::read_to_string(&file).unwrap();
+    assert!(
+        text.contains(&format!("http://{}/#key={}", running.address, running.key)),
+        "{text}"
+    );
+    assert_eq!(
+        std::fs::metadata(&file).unwrap().permissions().mode() & 0o777,
+        0o600
+    );
+    assert_eq!(running.stop().0, 0);
+    assert!(!file.exists(), "it is gone with the page");
 }

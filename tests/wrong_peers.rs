@@ -42,7 +42,7 @@ fn a_missing_port_is_named() {
 #[test]
 fn a_port_in_use_is_busy() {
     let pty = Pty::open().unwrap();
-    let _first = sutura_host::link::open_serial(pty.path()).unwrap();
+    let _first = open_serial(pty.path()).unwrap();
     let Ran { code, stderr, .. } = sutura(&["run", "--console", pty.path()]);
     assert_eq!(code, 3, "{stderr}");
     assert!(stderr.contains("in use"), "{stderr}");
@@ -76,7 +76,7 @@ fn a_virtual_console_is_not_looked_for_at_its_cable() {
 #[test]
 fn a_busy_port_names_its_holder() {
     let pty = Pty::open().unwrap();
-    let _first = sutura_host::link::open_serial(pty.path()).unwrap();
+    let _first = open_serial(pty.path()).unwrap();
     let Ran { code, stderr, .. } = sutura(&["run", "--console", pty.path()]);
     assert_eq!(code, 3, "{stderr}");
     let holder = format!("process {}", std::process::id());
@@ -232,7 +232,7 @@ fn a_latched_fault_has_its_own_exit_code_until_it_is_cleared() {
     let path = console.path().unwrap().to_owned();
     let mut press = |pressed| {
         let port = console.host_port().unwrap();
-        let link = Link::open(port, session::patient(), |_| {}).unwrap();
+        let link = Link::open(port, patient(), |_| {}).unwrap();
         link.order(Order::Simulate(Simulate::EmergencyStop(pressed)))
             .unwrap();
         let deadline = std::time::Instant::now() + Duration::from_secs(60);

@@ -72,6 +72,7 @@ fn listen(port: Box<dyn Port>) -> Result<Vec<Check>, LinkError> {
     std::thread::sleep(LISTEN);
     link.check()?;
     let (console, trips) = (link.console(), link.round_trips());
+    let came = link.why_no_state();
     let lost = link.close().frames.frames_lost;
     let states = lock(&states).clone();
     let kind = if console.simulated {
@@ -92,20 +93,21 @@ fn listen(port: Box<dyn Port>) -> Result<Vec<Check>, LinkError> {
                 "version {PROTOCOL_VERSION}, schema {SCHEMA_HASH:016x}: firmware and program fit"
             ),
         ),
-        ticks(&states, lost),
+        ticks(&states, lost, &came),
         jitter(&states),
         round_trips(&trips),
     ])
 }
 
-/// Whether the console ticks as fast as it says, and whether all states came.
-fn ticks(states: &States, lost: u32) -> Check {
+/// Whether the console ticks as fast as it says, and whether all states came; `came`: what else did, where none can be used.
+fn ticks(states: &States, lost: u32, came: &str) -> Check {
     const NAME: &str = "tick_rate";
     let (Some(first), Some((from, _)), Some((to, _))) =
         (states.first_tick, states.came.first(), states.came.last())
     else {
         let help = "press the console's reset and ask again";
-        return Check::bad(NAME, "no state came within a second", help);
+        let found = format!("no state that can be used came within a second: {came}");
+        return Check::bad(NAME, found, help);
     };
     let ticks = f64::from(states.last_tick.wrapping_sub(first));
     let rate = 1e6 * ticks / (to - from).max(1.0);
@@ -196,6 +198,7 @@ mod tests {
     #[test]
     fn rate_loss_and_jitter_are_told_apart() {
         let good = states(1000.0, 0.0);
+        let ticks = |states: &States, lost| ticks(states, lost, "12 frames were refused");
         assert!(ticks(&good, 0).ok && jitter(&good).ok);
         assert!(!ticks(&good, 1).ok);
         assert!(!ticks(&states(950.0, 0.0), 0).ok);
@@ -205,6 +208,7 @@ mod tests {
         assert!(!late.ok && late.found.contains("p99 3.00 ms"), "{late:?}");
         let none = States::default();
         assert!(!ticks(&none, 0).ok && !jitter(&none).ok);
+        assert!(ticks(&none, 0).found.ends_with("12 frames were refused"));
     }
 
     #[test]
