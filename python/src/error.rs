@@ -158,7 +158,7 @@ pub fn apart<T: Send + 'static>(
         work()
     });
     let worker = worker.map_err(|error| Error::new_err(format!("no thread: {error}")))?;
-    py.detach(|| {
+    py.detach(move || {
         while let Err(RecvTimeoutError::Timeout) = done.recv_timeout(LOOK) {
             if let Err(raised) = interrupted() {
                 stop.store(true, Ordering::Relaxed);
