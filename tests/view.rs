@@ -775,7 +775,6 @@ fn half(address: &str) -> TcpStream {
 /// A session in real time, `beside` which half requests are opened anew whenever they are closed; its summary, and how long a new
 /// page took to be greeted.
 fn session_beside(beside: usize, hold: Duration) -> (Value, Duration) {
-    let seconds = format!("{:.1}", hold.as_secs_f64() + 4.0);
     let folder = tempdir().unwrap();
     let last = folder.path().join("last.mcap");
     let arguments = [
@@ -784,7 +783,7 @@ fn session_beside(beside: usize, hold: Duration) -> (Value, Duration) {
         "--view-port",
         "0",
         "--seconds",
-        &seconds,
+        "3600",
         "--rearm",
         "--format",
         "json",
@@ -822,7 +821,7 @@ fn session_beside(beside: usize, hold: Duration) -> (Value, Duration) {
     }
     first.does(json!({"do": "save_last"}));
     drop(halves);
-    let (_, said) = running.finish();
+    let (_, said) = running.stop();
     assert!(last.exists(), "the last seconds were written");
     (serde_json::from_str(&said).unwrap(), greeted)
 }
