@@ -127,38 +127,40 @@ fn every_shipped_scene_is_good_and_explains_itself() {
     }
 }
 
-/// A ball on a mesh that is far finer than it: a session withholds its steps, and check and explain say so before, with the limit. The
-/// same ball less deep is good, though as many vertices are near it.
+/// A punch on a mesh that is far finer than it: a session withholds its steps, and check and explain say so before, with the limit. A
+/// smaller one is good, though as many vertices are near it.
 #[test]
 fn too_fine_a_mesh_for_its_tool_is_refused_before_the_session() {
     let folder = tempfile::tempdir().expect("a directory");
-    let fine = |z: &str| {
+    let fine = |radius_m: f64| {
         format!(
-            "device = \"cartesian-bench\"\nseconds = 0.4\n[mesh.slab]\nsize_m = [0.03, 0.03, 0.01]\ndivisions = [24, 24, 6]\n\
+            "device = \"cartesian-bench\"\nseconds = 0.6\n[mesh.slab]\nsize_m = [0.03, 0.03, 0.01]\ndivisions = [24, 24, 2]\n\
              [tissue]\nyoungs_modulus_pa = 3e3\npoisson_ratio = 0.45\n[[fixed]]\nplane = {{ axis = \"z\", at_m = -0.01 }}\n\
-             [[tool]]\nradius_m = 0.014\n[hand]\nstiffness_n_per_m = 2000.0\ndamping_n_s_per_m = 10.0\n\
-             way_point = [{{ time_s = 0.0, position_m = [0.0, 0.0, 0.016] }}, {{ time_s = 0.3, position_m = [0.0, 0.0, {z}] }}]\n\
+             [[tool]]\nshape = \"flat-punch\"\nradius_m = {radius_m}\n[hand]\nstiffness_n_per_m = 2000.0\ndamping_n_s_per_m = 10.0\n\
+             way_point = [{{ time_s = 0.0, position_m = [0.0, 0.0, 0.002] }}, {{ time_s = 0.2, position_m = [0.0, 0.0, -0.001] }}]\n\
              [host]\nhost_hz = 100.0\n"
         )
     };
-    let ran = |z: &str, words: &[&str]| {
-        std::fs::write(folder.path().join("fine.toml"), fine(z)).expect("writable");
+    let ran = |radius_m: f64, words: &[&str]| {
+        std::fs::write(folder.path().join("fine.toml"), fine(radius_m)).expect("writable");
         sutura_in(folder.path(), words)
     };
-    let run = ran("0.007", &["run", "fine.toml", "--lockstep"]);
+    let run = ran(0.012, &["run", "fine.toml", "--lockstep"]);
     assert_eq!(run.code, 8, "{}{}", run.stdout, run.stderr);
-    assert!(run.stderr.contains("too-many-rows"), "{}", run.stderr);
-    for words in [
-        ["scene", "check", "fine.toml"],
-        ["scene", "explain", "fine.toml"],
-    ] {
-        let ran = ran("0.007", &words);
-        assert_eq!(ran.code, 2, "{words:?}: {}{}", ran.stdout, ran.stderr);
-        let said = ran.stderr.replace("\n", " ");
-        assert!(said.contains("a step has room for 192"), "{said}");
-        assert!(said.contains("coarser mesh or a smaller tool"), "{said}");
+    assert!(run.stdout.contains("too-many-rows"), "{}", run.stdout);
+    for words in ["check", "explain"] {
+        let ran = ran(0.012, &["scene", words, "fine.toml", "--format", "json"]);
+        assert_eq!(ran.code, 2, "{words}: {}{}", ran.stdout, ran.stderr);
+        let object = json(&ran);
+        let message = object["message"].as_str().expect("a message");
+        assert!(
+            message.contains("a step has room for 192 in contact"),
+            "{message}"
+        );
+        let help = object["help"].as_str().expect("help");
+        assert!(help.contains("a coarser mesh or a smaller tool"), "{help}");
     }
-    let ran = ran("0.013", &["scene", "check", "fine.toml"]);
+    let ran = ran(0.006, &["scene", "check", "fine.toml"]);
     assert_eq!(ran.code, 0, "{}", ran.stderr);
 }
 

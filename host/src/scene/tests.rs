@@ -392,14 +392,14 @@ fn corotational_settings_arrive_at_their_solver() {
 
 #[test]
 fn a_small_tool_says_its_error_at_its_radius() {
-    let scene = read(&GOOD.replace("radius_m = 0.05", "radius_m = 0.0005")).expect("it only warns");
+    let scene = read(&GOOD.replace("radius_m = 0.05", "radius_m = 0.01")).expect("it only warns");
     let [warning] = scene.warnings.as_slice() else {
         panic!("{:?}", scene.warnings)
     };
     assert_eq!(warning.severity(), Some(miette::Severity::Warning));
     assert!(warning.to_string().contains("measured error"), "{warning}");
     assert!(scene.notes.is_empty(), "{:?}", scene.notes);
-    assert_eq!(&underlined(warning, "0.0005"), "0.0005");
+    assert_eq!(&underlined(warning, "0.01"), "0.01");
 }
 
 /// What was not measured has no measured error.
@@ -817,6 +817,13 @@ const SLIPS: &[Slip] = &[
         help: "counted from 0",
     },
     Slip {
+        from: "[[handle]]",
+        to: "[[spring]]\nfrom_m = [10.0, 0.0, 0.0]\nto_m = [0.0, 0.0, 0.0]\nstiffness_n_per_m = 10.0\n[[handle]]",
+        message: "`from_m` is 9.9600 m from the nearest node, and the mesh's longest edge has 0.0173 m",
+        under: "[[spring]]",
+        help: "",
+    },
+    Slip {
         from: "vertices = [250, 251]",
         to: "vertices = []",
         message: "a handle without vertices",
@@ -1034,10 +1041,10 @@ fn a_film_is_doubted() {
 fn a_hand_begins_where_a_console_can_be_told() {
     use sutura_shared::wire::Message;
     use sutura_shared::wire::message::Simulate;
-    let device = crate::scene::BUILT_IN_DEVICES[0].1;
+    let device = BUILT_IN_DEVICES[0].1;
     let far = device.replace("origin_m = [0.0, 0.0, 0.0]", "origin_m = [8.0, 0.0, 0.0]");
     let read_at = |x: f64| {
-        let document = Document::from_sources(&crate::scene::Sources {
+        let document = Document::from_sources(&Sources {
             name: "scene.toml".to_owned(),
             text: GOOD.replace("\"cartesian-bench\"", "\"far.toml\"").replace(
                 "position_m = [0.0, 0.01, 0.05]",

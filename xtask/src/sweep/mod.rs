@@ -301,11 +301,9 @@ impl Sweep {
     }
 
     fn run(&self, path: &Path, words: &[&str]) -> Result<Ended> {
-        child::run(
-            &self.program,
-            &self.folder,
-            &[words, &[&path.display().to_string()]].concat(),
-        )
+        let file = path.display().to_string();
+        let words = [words, &[file.as_str()]].concat();
+        child::run(&self.program, &self.folder, &words)
     }
 
     /// Warnings of `scene check`, or how that ended.
