@@ -25,6 +25,8 @@ use sutura_view::{Command, Hand, Reply, Request, SetTo};
 
 /// Between two looks at signals while time stands still.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
+/// Pictures a second that a page asks for \[Hz\].
+const PICTURE_HZ: f64 = 30.0;
 /// Shorter than this it is not slept.
 const WORTH_SLEEPING: Duration = Duration::from_millis(2);
 /// A session that is later than this does not hurry after.
@@ -475,7 +477,7 @@ impl Steer for Helm<'_> {
             self.until = None;
             if let Some(stands) = &self.stands {
                 // Who waits for it has it already if time stands still once more.
-                let _ = stands.set(1.0 / self.plan.host_hz);
+                let _ = stands.set(1.0 / PICTURE_HZ + 1.0 / self.plan.host_hz);
             }
         }
         loop {
