@@ -207,3 +207,32 @@ def test_ctrl_c_is_heard_while_a_solver_is_built():
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
     assert len(calls) == 3
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.1])
+@pytest.mark.parametrize("model", ["linear", "corotational", "hyperelastic"])
+@pytest.mark.parametrize("seconds", [0.5, pytest.param(5.0, marks=pytest.mark.full)])
+def test_a_ball_is_pushed_out_or_said_to_be_inside(slab, model, friction, seconds):
+    slab["tissue"]["model"] = model
+    slab["tool"] = [{"radius_m": 0.014, "friction": friction}]
+    solver = sutura.Solver(sutura.scene(slab))
+    hardest_n = 0.0
+    for depth_m in np.linspace(0.0, 0.025, round(200 * seconds) + 1):
+        step = solver.step([0.0017, 0.0011, 0.014 - depth_m], most_steps=100)
+        if step.status in ("inside", "not-converged"):
+            hardest_n = 0.0
+            continue
+        force_n = step.wrench()[2]
+        assert step.status == "ok" and force_n >= hardest_n - max(0.02 * hardest_n, 0.03), (depth_m, force_n, hardest_n)
+        assert depth_m < 0.002 or (step.rows > 0 and force_n > 0.03), depth_m
+        hardest_n = max(hardest_n, force_n)
+
+
+def test_no_ball_goes_through_tissue_in_one_step(slab):
+    solver = sutura.Solver(sutura.scene(slab))
+    assert solver.step([0.001, 0.0007, 0.05]).status == "ok"
+    assert solver.step([0.001, 0.0007, -0.2], most_steps=100).status == "inside"
+    # It begins anew where it is by then, outside.
+    step = solver.step([0.001, 0.0007, -0.2], most_steps=100)
+    assert (step.status, step.rows) == ("ok", 0)
+    assert solver.step([0.001, 0.0007, -0.015], most_steps=100).status == "inside"

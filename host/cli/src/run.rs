@@ -754,7 +754,8 @@ fn withheld_for_long(summary: &Summary) -> Option<(&'static str, u64)> {
 fn help_for_withheld(why: Option<&str>) -> &'static str {
     match why {
         Some("inside") => {
-            "a tool was inside the tissue: it began there, or came in between the nodes; begin outside, or take a finer mesh"
+            "a tool was inside the tissue: it began there, or the surface slipped around it; begin outside, press less deep, give the tool `friction`, \
+             or take a finer mesh"
         }
         Some("not-converged") => {
             "the model did not find a balance: a finer mesh, another `--tissue`, or a hand that presses less deep"

@@ -54,15 +54,20 @@ impl Surface {
         }
     }
 
-    /// Whether `point` lies inside the closed boundary, with nodes at `points_m`: the solid angles of
-    /// the triangles add up to 4 pi inside and to 0 outside.
+    /// Whether `point` lies inside the closed boundary, with nodes at `points_m` \[m\], (n x 3).
     pub fn contains(&self, points_m: &[[f64; 3]], point: [f64; 3]) -> bool {
-        let point = Vector3::from(point);
+        self.encloses(
+            |node| Vector3::from(points_m[node as usize]),
+            &Vector3::from(point),
+        )
+    }
+
+    /// Whether `point` lies inside the closed boundary, with nodes `at` some places \[m\], (3): the solid angles of the
+    /// triangles add up to 4 pi inside and to 0 outside.
+    pub fn encloses(&self, at: impl Fn(u32) -> Vector3<f64>, point: &Vector3<f64>) -> bool {
         let mut half_angle = 0.0;
         for triangle in &self.triangles {
-            half_angle += self::half_angle(
-                triangle.map(|node| Vector3::from(points_m[node as usize]) - point),
-            );
+            half_angle += self::half_angle(triangle.map(|node| at(node) - point));
         }
         half_angle > std::f64::consts::PI
     }

@@ -147,6 +147,21 @@ impl Solid {
         }
     }
 
+    /// Points well inside: the middle, and one as far behind the front as the shape is thick; of a ball and a mesh twice the
+    /// same.
+    pub fn cores(&self) -> [Vector3<f64>; 2] {
+        let front = match self.shape {
+            Shape::FlatPunch { length_m, .. }
+            | Shape::RoundedBox {
+                size_m: [_, _, length_m],
+                ..
+            } => self.centre - self.axis * self.radius().min(0.5 * length_m),
+            Shape::Capsule { .. } => self.centre,
+            Shape::Sphere { .. } | Shape::Mesh { .. } | Shape::Grip => self.middle(),
+        };
+        [self.middle(), front]
+    }
+
     /// Whether `point` is plainly farther than this \[m\]: out of the box around a mesh, whose distance takes a look at its
     /// triangles. Of other shapes the distance itself is as soon known.
     pub fn is_beyond(&self, point: &Vector3<f64>, far_m: f64) -> bool {

@@ -265,6 +265,26 @@ impl Balance<'_> {
             .is_none_or(|(depth, _)| by < if face.enters { depth } else { -depth })
     }
 
+    /// Share of their ways to `targets` that needles outside of the tissue may go at once: as far as the boundary, and a piece
+    /// farther. Ways up to `free_m` count as free \[m\].
+    pub(crate) fn share_to_boundary(&self, targets: &[Isometry3<f64>], free_m: f64) -> f64 {
+        let needles = self.state.each.iter().zip(&self.sources.needles);
+        let shares = needles.zip(targets).map(|((each, part), target)| {
+            let tips = [&each.pose, target].map(|pose| {
+                let curve = part.needle.at(pose);
+                curve.at(curve.length)
+            });
+            let way_m = tips[0].metric_distance(&tips[1]);
+            if each.tip != Tip::Outside || way_m <= free_m {
+                return 1.0;
+            }
+            let path = Curve::segment(&tips[0], &tips[1]);
+            let met = path.and_then(|path| self.first_face(&path));
+            met.map_or(1.0, |face| (face.alpha + self.sources.piece_m) / way_m)
+        });
+        shares.fold(1.0, f64::min)
+    }
+
     /// The boundary face that a point in the tissue is under, seen from a point outside; `None` if there is no
     /// tissue at it.
     pub(super) fn covers(&mut self, from: &Vector3<f64>, at: &Vector3<f64>) -> Option<Crossing> {

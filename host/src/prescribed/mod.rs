@@ -513,7 +513,21 @@ impl Prescribed {
         self.sticking.take(tools, tools, positions_m)
     }
 
-    /// A tool that holds nothing must be outside; one that has slipped in between nodes is forgotten.
+    /// Force of the nodes at hand on a tool, along the outward normals that they have at rest \[N\].
+    fn outward_n(&self) -> f64 {
+        let rows = self.pressing.iter().filter_map(|row| {
+            let vertex = self
+                .surface
+                .vertices
+                .binary_search(&self.sticking.node(*row)?);
+            let out = Vector3::from(*self.surface.normals.get(vertex.ok()?)?);
+            let reaction = Vector3::from(*self.tissue.reactions_n().get(*row)?);
+            Some(-reaction.dot(&out))
+        });
+        rows.sum()
+    }
+
+    /// A tool that holds nothing must be outside, and what it holds push it out; one that has slipped in is forgotten.
     fn all_outside(&mut self) -> Status {
         for index in 0..MAX_TOOLS {
             let Some((_, solid)) = &self.tools[index] else {
@@ -521,6 +535,10 @@ impl Prescribed {
             };
             self.sticking.pressing(index, &mut self.pressing);
             if !self.pressing.is_empty() {
+                if self.stands_by_its_force() && self.outward_n() < 0.0 {
+                    self.tools[index] = None;
+                    return Status::Inside;
+                }
                 continue;
             }
             let positions = self.tissue.positions_m();

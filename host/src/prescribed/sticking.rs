@@ -237,6 +237,11 @@ impl Sticking {
         into.extend(rows.filter(|row| self.stuck[self.held[*row].0 as usize].is_some()));
     }
 
+    /// Node of a row of the drive.
+    pub fn node(&self, row: usize) -> Option<u32> {
+        self.held.get(row).map(|(node, _)| *node)
+    }
+
     /// Whether a tool holds any node in what was laid out last.
     pub fn held(&self, tool: usize) -> bool {
         self.rows.get(tool).is_some_and(|rows| !rows.is_empty())

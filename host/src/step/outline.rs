@@ -169,9 +169,8 @@ impl Step<'_> {
         self.work.keep(self.state);
         let status = self.take_passes(&targets);
         self.end_way(status, &moment);
-        let tools = &mut self.state.tools;
-        if status.has_balance() && tools.forget_inside(&sources.tools, contains) {
-            return Status::Inside;
+        if let (Status::Inside, Some(tool)) = (status, self.work.balance.tools.slipped) {
+            self.state.tools.forget(tool);
         }
         self.count_rows();
         match status {

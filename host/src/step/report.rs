@@ -36,7 +36,8 @@ pub enum Status {
     NotConverged,
     /// More vertices touched than a step has room for; as `NotConverged`.
     TooManyRows,
-    /// A tool has slipped into the tissue between its vertices, or no way in from outside is found for one that appears inside.
+    /// A tool has slipped into the tissue: that has closed over it, pulls it in or pushes it out less the deeper it goes. Or no way
+    /// in from outside is found for one that appears inside. The tissue is as before, the tool begins anew outside.
     Inside,
 }
 

@@ -4,8 +4,9 @@
 
 use super::balance::Balance;
 use super::report::Status;
-use super::targets::Targets;
+use super::targets::{EDGE_PIECES, Targets};
 use crate::model::Model;
+use nalgebra::Vector3;
 
 /// Pieces that one step follows.
 const MAX_PIECES: u32 = 32;
@@ -19,10 +20,10 @@ pub(super) fn follow(model: &Model, balance: &mut Balance, targets: &Targets) ->
     }
     let sources = balance.sources;
     let targets = &targets.on_leashes(balance);
-    let are_free = || {
-        sources
-            .tools
-            .are_free(&targets.tools, |at| model.contains(at))
+    let lead_out = |balance: &Balance| {
+        let contains = |at: &Vector3<f64>| model.contains(at);
+        sources.tools.are_free(&targets.tools, contains)
+            && balance.state.tools.lead_out(&sources.tools, &targets.tools)
     };
     let mut halvings = 0;
     let mut done = 0.0;
@@ -32,9 +33,12 @@ pub(super) fn follow(model: &Model, balance: &mut Balance, targets: &Targets) ->
         if !share.is_finite() {
             return Status::NotFinite;
         }
-        let share = share * 0.5f64.powi(halvings);
+        let free_m = EDGE_PIECES * sources.piece_m;
+        let whole = share.min(balance.share_to_boundary(&ends.needles, free_m));
+        let share = whole * 0.5f64.powi(halvings);
         balance.report.substeps += 1;
         match balance.to(&ends.part_way(balance.state, share)) {
+            Ok(()) if balance.slipped_in(model, share >= 1.0).is_some() => return Status::Inside,
             Ok(()) if share >= 1.0 => return Status::Ok,
             Ok(()) => {
                 halvings = 0;
@@ -48,29 +52,38 @@ pub(super) fn follow(model: &Model, balance: &mut Balance, targets: &Targets) ->
             Err(Status::NotConverged | Status::TooManyRows)
                 if share < 1.0 && sources.tools.is_empty() =>
             {
-                return jump(balance, &ends);
+                return jump(model, balance, &ends, whole * f64::from(MAX_PIECES));
             }
-            // The way there could not be followed, but nothing is touched at its end: let go.
-            Err(Status::NotConverged | Status::TooManyRows) if are_free() => {
+            // The way there could not be followed, but it leads out, and nothing is touched at its end: let go.
+            Err(Status::NotConverged | Status::TooManyRows) if lead_out(balance) => {
                 balance.state.tools.let_go();
-                return jump(balance, &ends);
+                return jump(model, balance, &ends, 1.0);
             }
             Err(status) => return status,
         }
         if balance.report.substeps >= MAX_PIECES {
-            if are_free() {
+            if lead_out(balance) {
                 balance.state.tools.let_go();
-                return jump(balance, &ends);
+                return jump(model, balance, &ends, 1.0);
             }
-            return Status::Behind;
+            return ended(model, balance, Status::Behind);
         }
     }
 }
 
-/// A balance at the end of a way that was not followed.
-fn jump(balance: &mut Balance, ends: &Targets) -> Status {
-    match balance.to(ends) {
-        Ok(()) => Status::Ok,
+/// Balances at the end of a way that was not followed, or after a `share` of it, if that is less.
+fn jump(model: &Model, balance: &mut Balance, ends: &Targets, share: f64) -> Status {
+    match balance.to(&ends.part_way(balance.state, share)) {
+        Ok(()) if share < 1.0 => ended(model, balance, Status::Behind),
+        Ok(()) => ended(model, balance, Status::Ok),
         Err(status) => status,
+    }
+}
+
+/// Where a way ends with this status, unless a tool is in the tissue there.
+fn ended(model: &Model, balance: &mut Balance, status: Status) -> Status {
+    match balance.slipped_in(model, true) {
+        Some(_) => Status::Inside,
+        None => status,
     }
 }

@@ -16,7 +16,7 @@ use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vect
 const MOST_TURN: f64 = 0.1;
 
 /// Pieces of a mean edge: as far a body goes at once that is two edges from the surface.
-const EDGE_PIECES: f64 = 4.0;
+pub(super) const EDGE_PIECES: f64 = 4.0;
 
 /// Where everything goes that somebody holds; what nobody holds is where the tissue took it.
 #[derive(Clone, Copy, Debug)]

@@ -4,6 +4,7 @@ mod balance;
 mod bars;
 mod bench;
 mod corotational;
+mod deep;
 mod friction;
 mod hyperelastic;
 mod jacobian;

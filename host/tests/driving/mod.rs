@@ -17,5 +17,6 @@ mod playback;
 mod pushes;
 mod slips;
 mod tangent;
+mod thrown;
 mod waiting;
 mod walks;

@@ -8,6 +8,7 @@
 
 mod accept;
 mod cones;
+mod inside;
 mod load;
 mod reach;
 mod rows;
@@ -16,6 +17,7 @@ mod tangent;
 mod turning;
 
 pub(crate) use cones::{ALIKE_M, Cones, in_units};
+use inside::Hardest;
 pub(crate) use load::Load;
 pub(crate) use reach::NEAR;
 use rows::Settled;
@@ -159,6 +161,9 @@ pub(crate) struct ToolContacts {
     slack_m: Vec<f64>,
     /// Dissipated by friction so far \[J\].
     pub friction_j: f64,
+    /// Where each tool was pushed hardest on its way in.
+    #[serde(skip)]
+    hardest: [Option<Hardest>; MAX_TOOLS],
 }
 
 impl TouchingTools {
@@ -224,6 +229,19 @@ impl TouchingTools {
         own
     }
 
+    /// Place of a node among the vertices that tools can touch.
+    fn place_of_node(&self, node: u32) -> Option<usize> {
+        let (free, prescribed) = self.nodes.split_at(self.free);
+        let among_free = free.binary_search(&node);
+        let among_prescribed = || prescribed.binary_search(&node).map(|at| self.free + at);
+        among_free.or_else(|_| among_prescribed()).ok()
+    }
+
+    /// Outward normal at a vertex at rest, unit vector, (3).
+    fn normal_of(&self, node: u32) -> Option<Vector3<f64>> {
+        self.place_of_node(node).map(|place| self.normals[place])
+    }
+
     /// Whether none of them rubs.
     pub fn are_smooth(&self) -> bool {
         self.each.iter().all(|each| each.tool.is_smooth())
@@ -281,6 +299,7 @@ impl ToolContacts {
             near: Vec::with_capacity(tools.most_pairs()),
             slack_m: vec![0.0; tools.groups],
             friction_j: 0.0,
+            hardest: [None; MAX_TOOLS],
         }
     }
 
@@ -328,6 +347,7 @@ impl ToolContacts {
         self.near.clone_from(&other.near);
         self.slack_m.clone_from(&other.slack_m);
         self.friction_j = other.friction_j;
+        self.hardest = other.hardest;
     }
 
     /// Puts the tools where they shall be; one that goes nowhere lets go.

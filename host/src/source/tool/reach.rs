@@ -141,38 +141,6 @@ impl ToolContacts {
         self.contacts.clear();
     }
 
-    /// Forgets tools that touch nothing though they are inside: they have slipped in between vertices, and start afresh
-    /// outside. So do those that touch nothing but prescribed vertices, which would press them on inwards. Whether there were
-    /// any.
-    pub fn forget_inside(
-        &mut self,
-        tools: &TouchingTools,
-        contains: impl Fn(&Vector3<f64>) -> bool,
-    ) -> bool {
-        for tool in 0..tools.each.len() {
-            let Some(placement) = &self.placements[tool] else {
-                continue;
-            };
-            let mut own = self.contacts.iter().filter(|c| c.tool as usize == tool);
-            if own.any(|contact| !contact.is_wall) {
-                continue;
-            }
-            let solid = tools.solid(tool, placement);
-            let middle = solid.middle();
-            // The surface is closed: behind the nearest vertex's tangent plane is the cheap suspicion, the solid angle
-            // the proof.
-            let suspect = tools
-                .nearest_at_rest(&solid)
-                .is_some_and(|near| (middle - near.at).dot(&near.normal) < 0.0);
-            if suspect && contains(&middle) {
-                self.placements[tool] = None;
-                self.contacts.retain(|c| c.tool as usize != tool);
-                return true;
-            }
-        }
-        false
-    }
-
     /// Brings tools that were nowhere before to where their ways to `targets` begin: outside tissue at rest. Whether there
     /// is such a place for all of them.
     pub fn bring_in(
@@ -189,6 +157,7 @@ impl ToolContacts {
             let Some(out) = way_in(&solid, |solid| tools.nearest_at_rest(solid), &contains) else {
                 return false;
             };
+            self.hardest[tool] = None;
             self.placements[tool] = Some(Placement {
                 centre: target.centre + out,
                 ..*target

@@ -25,6 +25,8 @@ pub(crate) struct ToolWork {
     /// Nodes whose columns will be needed, the nearest first, and as near these are.
     pub next_nodes: Vec<u32>,
     pub next_gaps: Vec<(f64, u32)>,
+    /// The tool that has slipped into the tissue, after [`Balance::slipped_in`].
+    pub slipped: Option<u32>,
     turning: Option<Turning>,
     /// Whether normals turn in the next solve.
     turns: bool,
@@ -41,6 +43,7 @@ impl ToolWork {
             marks: tools.marks(),
             next_nodes: Vec::with_capacity(pairs),
             next_gaps: Vec::with_capacity(pairs),
+            slipped: None,
             turning: tools.turning(most_rows),
             turns: false,
         }

@@ -1,0 +1,309 @@
+//! Whether a tool that touches has slipped into the tissue.
+//!
+//! Entry points: [`Balance::slipped_in`] after a balance, [`ToolContacts::lead_out`] before a way is not followed. Contact is
+//! at vertices, and deeper than a tool's radius nothing but the mesh and friction keeps a surface from sliding around the tool
+//! and closing over it. How far it has is told by the contact's outwardness: each normal force on the tool, projected on the
+//! tissue's outward normal at its vertex at rest, summed over the contact, over the sum of the forces. It is 1 where every
+//! vertex presses straight out, 1/2 where a flat surface presses evenly on half of a ball, and below 0 where tissue pulls the
+//! tool in. Vertex by vertex it is the same for one piece of tissue and for several, and no way of the tool is in it.
+
+use super::{Contact, Placements, ToolContacts, TouchingTools};
+use crate::model::Model;
+use crate::step::Balance;
+use crate::tool::Placement;
+use nalgebra::{Matrix3, Vector3};
+
+/// Least outwardness of a contact from outside: where much of it lies along the sides of a thin tool it is twice that.
+const LEAST_OUTWARD: f64 = 0.15;
+/// Least outwardness of a contact on one side of the tool, which may lie on the flank of an edge or a tip.
+const LEAST_ON_A_SIDE: f64 = -0.5;
+/// Magnitude of the summed force over the sum of the magnitudes, from which on a contact is on one side of the tool.
+const ONE_SIDE: f64 = 0.8;
+/// Contacts that are less outward wrap around the tool: below that a force that falls on the way in is no bend of the tissue.
+const WRAPS: f64 = 0.75;
+/// Fall of the force on the way in, as a share and \[N\], from which on it is told.
+const FALL: (f64, f64) = (0.015, 0.02);
+/// Ways aside of the way in that are none, in radii of the tool.
+const ASIDE: f64 = 0.02;
+/// Distance around the contact within which the tissue's mean rotation is taken, in radii of the tool.
+const AROUND: f64 = 4.0;
+/// Most looks at a tool's way: 16 of its radii where it stays as near as that.
+const MOST_LOOKS: u32 = 64;
+
+/// Contact of one tool, summed over its vertices.
+#[derive(Clone, Copy, Debug)]
+struct Pressing {
+    /// Normal force on the tool \[N\], (3), and the sum of its parts' magnitudes.
+    force: Vector3<f64>,
+    total: f64,
+    /// Sum of its parts along the outward normals at their vertices \[N\].
+    outward: f64,
+}
+
+impl Pressing {
+    fn outwardness(&self) -> f64 {
+        self.outward / self.total
+    }
+
+    /// Least outwardness of such a contact from outside, on whose way in the force `falls` or not.
+    fn least(&self, falls: bool) -> f64 {
+        match (self.force.norm() > ONE_SIDE * self.total, falls) {
+            (true, _) => LEAST_ON_A_SIDE,
+            (false, true) => WRAPS,
+            (false, false) => LEAST_OUTWARD,
+        }
+    }
+}
+
+/// Where a tool was pushed hardest on its way in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Hardest {
+    at: Placement,
+    /// Normal force on the tool \[N\], and its direction, unit vector, (3).
+    force_n: f64,
+    out: Vector3<f64>,
+    /// Where the tool was at the last balance, and its force along `out` there \[N\].
+    last: Placement,
+    last_n: f64,
+}
+
+impl Hardest {
+    fn new(at: &Placement, force: &Vector3<f64>) -> Option<Self> {
+        let out = force.try_normalize(0.0)?;
+        let force_n = force.norm();
+        Some(Self {
+            at: *at,
+            force_n,
+            out,
+            last: *at,
+            last_n: force_n,
+        })
+    }
+
+    /// Goes on to the next balance. What the force loses while the tool rests is not lost on its way: tissue that is not linear
+    /// comes to balance, or another tool goes.
+    fn go_on(&mut self, now: &Self) {
+        let now_n = now.out.dot(&self.out) * now.force_n;
+        if now.at == self.last {
+            self.force_n -= (self.last_n - now_n).max(0.0);
+        }
+        (self.last, self.last_n) = (now.at, now_n);
+    }
+
+    /// Whether the force has fallen since, and the tool gone straight on in.
+    fn has_fallen(&self, turn_m: f64) -> bool {
+        let way = self.last.centre - self.at.centre;
+        let (share, least_n) = FALL;
+        -way.dot(&self.out) > self.aside_of(&way, turn_m)
+            && self.last_n < self.force_n - f64::max(share * self.force_n, least_n)
+    }
+
+    /// Way across the way in \[m\], turns included.
+    fn aside_of(&self, way: &Vector3<f64>, turn_m: f64) -> f64 {
+        (way - self.out * way.dot(&self.out)).norm() + turn_m
+    }
+
+    /// Whether the tool has gone back since, or aside.
+    fn is_left(&self, turn_m: f64, aside_m: f64) -> bool {
+        let way = self.last.centre - self.at.centre;
+        let deeper_m = -way.dot(&self.out);
+        deeper_m <= 0.0 || self.aside_of(&way, turn_m) > deeper_m + aside_m
+    }
+}
+
+impl ToolContacts {
+    /// Contacts of a tool that press.
+    fn pressing(&self, tool: u32) -> impl Iterator<Item = &Contact> {
+        let own = self.contacts.iter();
+        own.filter(move |contact| contact.tool == tool && contact.lambda_n[0] > 0.0)
+    }
+
+    /// Sums the contacts of a tool against outward normals that are turned by `turn`.
+    fn pressed(&self, tools: &TouchingTools, tool: u32, turn: &Matrix3<f64>) -> Pressing {
+        let nothing = Pressing {
+            force: Vector3::zeros(),
+            total: 0.0,
+            outward: 0.0,
+        };
+        self.pressing(tool).fold(nothing, |sum, contact| {
+            let force = -contact.normal * contact.lambda_n[0];
+            let out = tools.normal_of(contact.node);
+            let out = out.map_or(Vector3::zeros(), |out| turn * out);
+            Pressing {
+                force: sum.force + force,
+                total: sum.total + contact.lambda_n[0],
+                outward: sum.outward + force.dot(&out),
+            }
+        })
+    }
+
+    /// Whether the force on a tool, as it is now, has fallen on the way in; keeps where it was pushed hardest.
+    fn falls(&mut self, tools: &TouchingTools, tool: u32, force: &Vector3<f64>) -> bool {
+        let place = tool as usize;
+        let Some(at) = &self.placements[place] else {
+            return false;
+        };
+        let now = Hardest::new(at, force);
+        let (Some(now), Some(hardest)) = (now, &mut self.hardest[place]) else {
+            self.hardest[place] = now;
+            return false;
+        };
+        let solid = tools.solid(place, at);
+        let turn_m = solid.reach() * hardest.at.angle_to(at);
+        hardest.go_on(&now);
+        if hardest.has_fallen(turn_m) {
+            return true;
+        }
+        if now.force_n >= hardest.force_n || hardest.is_left(turn_m, ASIDE * solid.radius()) {
+            *hardest = now;
+        }
+        false
+    }
+
+    /// Whether all that a tool touches is prescribed.
+    fn touches_walls_alone(&self, tool: u32) -> bool {
+        let mut own = self.contacts.iter().filter(|contact| contact.tool == tool);
+        own.all(|contact| contact.is_wall)
+    }
+
+    /// Forgets a tool: it starts afresh outside.
+    pub fn forget(&mut self, tool: u32) {
+        self.placements[tool as usize] = None;
+        self.hardest[tool as usize] = None;
+        self.contacts.retain(|contact| contact.tool != tool);
+    }
+
+    /// Whether the straight ways of all tools to `targets` lead out of the tissue: each goes where its contacts push it, and
+    /// once it is clear of the tissue at rest it meets none again.
+    pub fn lead_out(&self, tools: &TouchingTools, targets: &Placements) -> bool {
+        let ways = self.placements.iter().zip(targets).enumerate();
+        ways.take(tools.each.len()).all(|(tool, (from, target))| {
+            let (Some(from), Some(target)) = (from, target) else {
+                return true;
+            };
+            let way = target.centre - from.centre;
+            let mut is_clear = self.count(tool as u32) == 0;
+            let pressed = self.pressed(tools, tool as u32, &Matrix3::identity());
+            if pressed.force.dot(&way) < 0.0 {
+                return false;
+            }
+            let way_m = way.norm() + tools.solid(tool, from).reach() * from.angle_to(target);
+            let mut done_m = 0.0;
+            for _ in 0..MOST_LOOKS {
+                let part = if done_m < way_m { done_m / way_m } else { 1.0 };
+                let solid = tools.solid(tool, &from.towards(target, part));
+                let near = tools.nearest_at_rest(&solid);
+                let clearance_m = near.map_or(f64::MAX, |near| near.gap_m);
+                if is_clear && clearance_m < 0.0 {
+                    return false;
+                }
+                is_clear |= clearance_m > 0.0;
+                if done_m >= way_m {
+                    return true;
+                }
+                done_m += clearance_m.max(solid.piece());
+            }
+            false
+        })
+    }
+}
+
+impl Balance<'_> {
+    /// Finds a tool around which the surface has slipped in the balance that was just found: it closes over the tool, or pushes
+    /// less the deeper that goes. A tool that touches nothing is looked for in the tissue where its way `ends`, and where it
+    /// touched just before. A tool that touches prescribed vertices alone is looked for in the tissue, too: from inside they
+    /// would press it on inwards.
+    pub(crate) fn slipped_in(&mut self, model: &Model, ends: bool) -> Option<u32> {
+        let count = self.sources.tools.each().len() as u32;
+        let found = (0..count).find(|tool| match self.state.tools.count(*tool) {
+            0 => self.is_swallowed(model, *tool, ends),
+            _ if self.is_wrapped(*tool) => true,
+            _ => self.state.tools.touches_walls_alone(*tool) && self.is_enclosed(model, *tool),
+        });
+        self.work.tools.slipped = found;
+        found
+    }
+
+    /// Whether the surface has slipped around a tool that touches.
+    fn is_wrapped(&mut self, tool: u32) -> bool {
+        let tools = &self.sources.tools;
+        let at_rest = self.state.tools.pressed(tools, tool, &Matrix3::identity());
+        let falls = self.state.tools.falls(tools, tool, &at_rest.force);
+        let least = at_rest.least(falls);
+        if at_rest.total == 0.0 || at_rest.outwardness() >= least {
+            return false;
+        }
+        // Tissue that has turned is compared where it has.
+        let turn = self.rotation_around(tool);
+        let turned = self.state.tools.pressed(tools, tool, &turn);
+        turned.outwardness() < least
+    }
+
+    /// Whether a tool that touches nothing is in the tissue.
+    fn is_swallowed(&mut self, model: &Model, tool: u32, ends: bool) -> bool {
+        let touched = self.state.tools.hardest[tool as usize].take().is_some();
+        (ends || touched) && self.is_enclosed(model, tool)
+    }
+
+    /// Whether a core of a tool is in the tissue.
+    fn is_enclosed(&mut self, model: &Model, tool: u32) -> bool {
+        let tools = &self.sources.tools;
+        let Some(placement) = self.state.tools.placements[tool as usize] else {
+            return false;
+        };
+        let solid = tools.solid(tool as usize, &placement);
+        // Behind the tangent plane of the nearest vertex is the cheap suspicion, the solid angle of the closed surface at rest
+        // the next one, and that of the surface where it is the proof.
+        let Some(near) = tools.nearest_at_rest(&solid) else {
+            return false;
+        };
+        let is_suspect =
+            |core: &Vector3<f64>| (core - near.at).dot(&near.normal) < 0.0 && model.contains(core);
+        let Some(core) = solid.cores().into_iter().find(is_suspect) else {
+            return false;
+        };
+        self.find_all_nodes();
+        let at = &self.work.nodes.at;
+        model.surface().encloses(|node| at[node as usize], &core)
+    }
+
+    /// Mean rotation of the tissue around what a tool touches, from rest (Kabsch 1976).
+    fn rotation_around(&self, tool: u32) -> Matrix3<f64> {
+        let (tools, state) = (&self.sources.tools, &self.state.tools);
+        let Some(placement) = &state.placements[tool as usize] else {
+            return Matrix3::identity();
+        };
+        let reach_m = AROUND * tools.solid(tool as usize, placement).radius();
+        let touched = || {
+            let own = state.pressing(tool);
+            own.filter_map(|contact| tools.place_of_node(contact.node))
+        };
+        let is_near = |place: &usize| {
+            touched().any(|touched| {
+                let way = tools.resting_m[touched] - tools.resting_m[*place];
+                tools.group[touched] == tools.group[*place]
+                    && way.norm_squared() < reach_m * reach_m
+            })
+        };
+        let around = || (0..tools.nodes.len()).filter(is_near);
+        let (mut count, mut from, mut to) = (0.0, Vector3::zeros(), Vector3::zeros());
+        for place in around() {
+            count += 1.0;
+            from += tools.resting_m[place];
+            to += self.position(tools.nodes[place]);
+        }
+        let (from, to) = (from / count, to / count);
+        let mut moment = Matrix3::zeros();
+        for place in around() {
+            let arm = self.position(tools.nodes[place]) - to;
+            moment += arm * (tools.resting_m[place] - from).transpose();
+        }
+        let found = moment.try_svd(true, true, f64::EPSILON, 0);
+        let Some((Some(u), Some(v_t))) = found.map(|svd| (svd.u, svd.v_t)) else {
+            return Matrix3::identity();
+        };
+        // A rotation and no reflection, along the direction of least extent.
+        let handed = Vector3::new(1.0, 1.0, (u * v_t).determinant().signum());
+        u * Matrix3::from_diagonal(&handed) * v_t
+    }
+}

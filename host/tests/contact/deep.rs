@@ -1,0 +1,295 @@
+//! Tools that a hand takes deeper than they can be pressed: pushed out, or said to be inside.
+
+use super::bench::*;
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use sutura_host::fem::Loads;
+use sutura_host::mesh::{TetMesh, slab};
+use sutura_host::scene::{Document, Pose, Scene};
+use sutura_host::script::at_rest;
+use sutura_host::session::SceneSolver;
+use sutura_host::step::{State, Status, StepReport};
+use sutura_host::tool::{Shape, Tool};
+use sutura_testkit::full;
+
+const HZ: f64 = 200.0;
+const DEEPEST_M: f64 = 0.025;
+/// What a force may fall by on the way in, as a share and \[N\].
+const FALL: (f64, f64) = (0.02, 0.03);
+/// Over the slab's middle, on a vertex, on an edge, inside a triangle, near a side, near a corner, and two between these \[m\].
+const PLACES_M: [[f64; 2]; 8] = [
+    [0.0, 0.0],
+    [0.0017, 0.0011],
+    [0.004, 0.004],
+    [0.002, 0.0],
+    [0.028, 0.0],
+    [0.028, 0.029],
+    [-0.0213, 0.0107],
+    [0.0113, -0.0309],
+];
+
+fn scene(law: &str, tool: &str, divisions: [u32; 3]) -> Scene {
+    let text = format!(
+        r#"
+[mesh.slab]
+size_m = [0.08, 0.08, 0.03]
+divisions = {divisions:?}
+[tissue]
+model = "{law}"
+youngs_modulus_pa = 15e3
+poisson_ratio = 0.45
+[[fixed]]
+plane = {{ axis = "z", at_m = -0.03 }}
+[[tool]]
+{tool}
+"#
+    );
+    Scene::read(&Document::embedded("deep.toml", "".as_ref(), &text), "deep").expect("good")
+}
+
+fn step_to(solver: &mut SceneSolver, position_m: [f64; 3], time_s: f64) -> StepReport {
+    let pose = Pose {
+        position_m,
+        orientation: [0.0, 0.0, 0.0, 1.0],
+    };
+    let mut sample = at_rest(0, &pose);
+    sample.console_time_us = (1e6 * time_s) as u64;
+    solver.step(sample)
+}
+
+/// Drags the ball down in `seconds`; how often it was said to be inside or without balance.
+fn drag(scene: &Scene, [x, y]: [f64; 2], seconds: f64, what: &str) -> u32 {
+    let mut solver = SceneSolver::new(scene).expect("a solver");
+    let steps = (seconds * HZ) as u32;
+    let (mut hardest_n, mut words) = (0.0f64, 0);
+    for number in 0..=steps {
+        let depth_m = DEEPEST_M * f64::from(number) / f64::from(steps);
+        let time_s = f64::from(number) / HZ;
+        let report = step_to(&mut solver, [x, y, RADIUS - depth_m], time_s);
+        let place = format!("{what}, at {x} {y}, {:.2} mm deep", 1e3 * depth_m);
+        match report.status {
+            Status::Ok | Status::Behind => {}
+            Status::Waiting => continue,
+            Status::Inside | Status::NotConverged => {
+                (hardest_n, words) = (0.0, words + 1);
+                continue;
+            }
+            other => panic!("{place}: {other:?}"),
+        }
+        let force_n = report.contacts()[0].wrench[2];
+        assert!(force_n >= 0.0, "{place}: it pulls by {force_n} N");
+        assert!(
+            depth_m < 2e-3 || (report.rows > 0 && force_n > 0.03),
+            "{place}: {force_n} N by {} vertices",
+            report.rows
+        );
+        let (share, least_n) = FALL;
+        assert!(
+            force_n >= hardest_n - f64::max(share * hardest_n, least_n),
+            "{place}: {force_n} N after {hardest_n} N"
+        );
+        hardest_n = hardest_n.max(force_n);
+    }
+    words
+}
+
+/// As it is on a moist surface and without friction, on all tissue with rows. `SUTURA_FULL=1`: everywhere, and as slowly as a hand
+/// goes.
+#[test]
+fn a_ball_that_is_dragged_deep_is_pushed_out_or_said_to_be_inside() {
+    let seconds: &[f64] = if full() { &[0.5, 5.0, 50.0] } else { &[0.5] };
+    let mut words = 0;
+    for (law, divisions) in [
+        ("linear", [20, 20, 8]),
+        ("corotational", [10, 10, 4]),
+        ("hyperelastic", [10, 10, 4]),
+    ] {
+        let places = if full() || law == "linear" { 8 } else { 2 };
+        for friction in [0.0, 0.1] {
+            let tool = format!("radius_m = {RADIUS}\nfriction = {friction}");
+            let scene = scene(law, &tool, divisions);
+            for seconds in seconds {
+                for place in &PLACES_M[PLACES_M.len() - places..] {
+                    let what = format!("{law} tissue, friction {friction}, in {seconds} s");
+                    words += drag(&scene, *place, *seconds, &what);
+                }
+            }
+        }
+    }
+    assert!(words > 100, "{words}");
+}
+
+/// What a hand comes to first: with friction a ball goes in by more than its radius, and nothing is wrong with that.
+#[test]
+fn a_ball_with_friction_goes_deeper_than_its_radius() {
+    let scene = scene("linear", "radius_m = 0.014\nfriction = 0.1", [20, 20, 8]);
+    let mut solver = SceneSolver::new(&scene).expect("a solver");
+    for number in 0..=150_u32 {
+        let z = RADIUS - 1e-4 * f64::from(number);
+        let report = step_to(&mut solver, [0.0017, 0.0011, z], f64::from(number) / HZ);
+        assert_eq!(report.status, Status::Ok, "{z}");
+    }
+    // Aside, and up again as fast as a hand is.
+    for number in 0..=40_u32 {
+        let x = 0.0017 + 5e-4 * f64::from(number);
+        let report = step_to(&mut solver, [x, 0.0011, 0.006], 1.0);
+        assert_eq!(report.status, Status::Ok, "{x}");
+    }
+    let report = step_to(&mut solver, [0.0217, 0.0011, 0.05], 1.1);
+    assert_eq!((report.status, report.rows), (Status::Ok, 0));
+}
+
+/// Shapes that are thicker than the surface's edges.
+const SHAPES: [&str; 5] = [
+    "radius_m = 0.014",
+    "shape = \"capsule\"\nradius_m = 0.009\nlength_m = 0.02\naxis = [1.0, 0.0, 0.0]",
+    "shape = \"capsule\"\nradius_m = 0.009\nlength_m = 0.05",
+    "shape = \"flat-punch\"\nradius_m = 0.01\nfillet_m = 0.003\nlength_m = 0.05",
+    "shape = \"rounded-box\"\nsize_m = [0.02, 0.016, 0.02]\nfillet_m = 0.004",
+];
+
+/// In one step from above to below a slab, and into it: nothing goes through as if there was no tissue.
+#[test]
+fn no_tool_crosses_tissue_in_one_step() {
+    for law in ["linear", "corotational", "hyperelastic"] {
+        for shape in SHAPES {
+            for friction in [0.0, 0.1] {
+                let scene = scene(law, &format!("{shape}\nfriction = {friction}"), [10, 10, 4]);
+                for z in [-0.2, -0.02] {
+                    let what = format!("{law}, {shape}, friction {friction}, to {z}");
+                    let mut solver = SceneSolver::new(&scene).expect("a solver");
+                    step_to(&mut solver, [0.001, 0.0007, 0.05], 0.0);
+                    let mut report = step_to(&mut solver, [0.001, 0.0007, z], 0.005);
+                    for _ in 0..8 {
+                        if report.status != Status::Waiting {
+                            break;
+                        }
+                        report = step_to(&mut solver, [0.001, 0.0007, z], 0.005);
+                    }
+                    let felt_n = report.contacts().first().map_or(0.0, |felt| felt.wrench[2]);
+                    assert!(
+                        !report.status.has_balance() || felt_n > 0.03,
+                        "{what}: {:?}, {felt_n} N",
+                        report.status
+                    );
+                    assert!(report.status != Status::Ok || z > -0.1, "{what}");
+                }
+            }
+        }
+    }
+}
+
+/// The slab that a ball is pressed into, moved and turned as a whole: the same words at the same depths.
+#[test]
+fn where_up_is_is_of_no_consequence() {
+    let flat = slab([0.08, 0.08, 0.03], [16, 16, 6]).expect("a slab");
+    let bottom: Vec<u32> = (0..17 * 17).collect();
+    let turns = [[0.0; 3], [0.3, -2.1, 0.9]];
+    let said = turns.map(|turn| {
+        let place = Isometry3::from_parts(
+            Translation3::new(0.1, -0.2, 0.3),
+            UnitQuaternion::from_scaled_axis(turn.into()),
+        );
+        let points = flat.points_m().iter();
+        let points = points.map(|point| (place * Point3::from(*point)).coords.into());
+        let mesh = TetMesh::new(points.collect(), flat.cells().to_vec()).expect("the same slab");
+        let tools = [(0, ball([0.0; 3]))];
+        let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &tools);
+        let mut state = State::new(&bench.model);
+        let steps = (0..=100_u32).map(|number| {
+            let depth_m = DEEPEST_M * f64::from(number) / 100.0;
+            let at = place * Point3::new(0.0017, 0.0011, RADIUS - depth_m);
+            bench
+                .step(&mut state, pose(at.coords, place.rotation))
+                .status
+        });
+        steps.collect::<Vec<_>>()
+    });
+    let first = |said: &[Status]| said.iter().position(|status| *status != Status::Ok);
+    assert_eq!(first(&said[0]), first(&said[1]));
+    let word = first(&said[0]).map(|at| said[0][at]);
+    assert_eq!(word, Some(Status::Inside), "{said:?}");
+}
+
+/// Two blocks, and a ball that is pushed into the gap between them: both push it out, one against the other, and nothing is slipped in.
+#[test]
+fn between_two_pieces_of_tissue_a_ball_is_not_inside() {
+    let one = slab([0.03, 0.06, 0.03], [8, 16, 8]).expect("a slab");
+    let moved = |by: f64| {
+        let points = one.points_m().iter().map(|p| [p[0] + by, p[1], p[2]]);
+        TetMesh::new(points.collect(), one.cells().to_vec()).expect("the same slab")
+    };
+    let mesh = moved(-0.025).beside(&moved(0.025)).expect("apart");
+    let bottom: Vec<u32> = (0u32..)
+        .zip(mesh.points_m())
+        .filter(|(_, point)| point[2] < -0.0299)
+        .map(|(node, _)| node)
+        .collect();
+    let tool = Tool::sphere(RADIUS, [0.0; 3]);
+    let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &[(0, tool)]);
+    let mut state = State::new(&bench.model);
+    let mut touched = 0;
+    for number in 0..=60_u32 {
+        let z = 0.012 - 3e-4 * f64::from(number);
+        let report = bench.step(&mut state, at(0.0, 0.0007, z));
+        assert_eq!(report.status, Status::Ok, "{z}");
+        touched += u32::from(report.rows > 0);
+    }
+    assert!(touched > 40, "{touched}");
+}
+
+/// From the side, on the slab's edge, and drawn along with friction: contact without a word.
+#[test]
+fn contact_from_the_side_and_along_is_no_slip() {
+    let ball = |friction| Tool {
+        friction,
+        ..Tool::sphere(RADIUS, [0.0; 3])
+    };
+    let lying = Tool {
+        friction: 0.3,
+        axis: [1.0, 0.0, 0.0],
+        ..Tool::new(
+            Shape::Capsule {
+                radius_m: 0.01,
+                length_m: 0.02,
+            },
+            [0.01, 0.0, 0.0],
+        )
+    };
+    let ways: [(Tool, Vector3<f64>, Vector3<f64>); 4] = [
+        (
+            ball(0.0),
+            Vector3::new(0.055, 0.0007, -0.012),
+            -Vector3::x(),
+        ),
+        (
+            ball(0.1),
+            Vector3::new(0.051, 0.0007, 0.009),
+            Vector3::new(-0.7, 0.0, -0.7),
+        ),
+        (ball(0.3), Vector3::new(-0.012, 0.0007, 0.009), Vector3::x()),
+        (lying, Vector3::new(0.0, -0.012, 0.005), Vector3::y()),
+    ];
+    for (number, (tool, from, along)) in ways.into_iter().enumerate() {
+        let mut bench = Bench::slab(tool);
+        let mut state = State::new(&bench.model);
+        bench.step(
+            &mut state,
+            pose(
+                from + Vector3::new(0.05, 0.0, 0.1),
+                UnitQuaternion::identity(),
+            ),
+        );
+        bench.step(
+            &mut state,
+            pose(from + Vector3::z() * 0.015, UnitQuaternion::identity()),
+        );
+        let mut touched = 0;
+        for step in 0..=80_u32 {
+            let to = from + along * (1e-4 * f64::from(step));
+            let report = bench.step(&mut state, pose(to, UnitQuaternion::identity()));
+            assert_eq!(report.status, Status::Ok, "{number}: {to}");
+            touched += u32::from(report.rows > 0);
+        }
+        assert!(touched > 40, "{number}: {touched}");
+    }
+}
