@@ -109,12 +109,12 @@ mod tests {
     /// 11 mm below the top of the slab it leads upwards, by that and the radius; 4 mm above the floor on which the slab is fixed, too.
     #[test]
     fn it_leads_to_the_nearest_side_that_is_not_held() {
-        let scene = slab("radius_m = 0.008");
+        let scene = slab("radius_m = 0.014");
         let ways = WayOut::of(&scene, scene.mesh.points_m()).expect("a tool");
         for depth_m in [0.011, 0.026] {
             let out = ways.from(&grip([0.0, 0.0, -depth_m])).expect("a way");
             assert!(out[0].abs() < 1e-12 && out[1].abs() < 1e-12, "{out:?}");
-            assert!((out[2] - (depth_m + 1.2 * 0.008)).abs() < 1e-9, "{out:?}");
+            assert!((out[2] - (depth_m + 1.2 * 0.014)).abs() < 1e-9, "{out:?}");
         }
         assert_eq!(ways.from(&grip([0.0, 0.0, 0.02])), Some([0.0; 3]));
         let beside = slab("shape = \"grip\"");
@@ -133,7 +133,7 @@ mod tests {
             let tools = [
                 "radius_m = 0.008",
                 "shape = \"capsule\"\nradius_m = 0.006\nlength_m = 0.02",
-                "shape = \"box\"\nsize_m = [0.012, 0.01, 0.02]\nfillet_m = 0.002",
+                "shape = \"rounded-box\"\nsize_m = [0.012, 0.01, 0.02]\nfillet_m = 0.002",
             ];
             let scene = slab(tools[shape]);
             let ways = WayOut::of(&scene, scene.mesh.points_m()).expect("a tool");
