@@ -181,6 +181,10 @@ const EXAMPLES: &[(&str, Way)] = &[
     ),
     ("sutura mesh info tests/data/cube_1650.msh", Ends(&[])),
     ("sutura mesh info part.vtk --scale 0.001", Ends(&[])),
+    (
+        "sutura mesh info organ.vtk --region tissue_class",
+        Ends(&[]),
+    ),
     ("sutura mesh info part.ele --format json", Ends(&[])),
     ("sutura mesh info part.msh", Ends(&[])),
     ("sutura mesh info large.msh --time --rows 100", Ends(&[])),
@@ -446,6 +450,9 @@ fn folder() -> tempfile::TempDir {
         );
         assert_eq!(ran.code, 0, "{}", ran.stderr);
     }
+    let part = std::fs::read_to_string(at.join("part.vtk")).unwrap();
+    let organ = part.replace("SCALARS region", "SCALARS tissue_class");
+    std::fs::write(at.join("organ.vtk"), organ).unwrap();
     folder
 }
 

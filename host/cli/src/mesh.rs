@@ -34,7 +34,7 @@ const INFO_EXAMPLES: &str = "\
 Examples:
   sutura mesh info tests/data/cube_1650.msh
   sutura mesh info part.vtk --scale 0.001                   a file in millimetres
-  sutura mesh info part.vtu --region tissue_class           regions of a cell array with a name of its own
+  sutura mesh info organ.vtk --region tissue_class          regions of a cell array with a name of its own
   sutura mesh info part.ele --format json | jq .quality     part.node is read too
   sutura mesh info large.msh --time --rows 100              times of a step that touches about 100 vertices
 
