@@ -201,8 +201,6 @@ fn nothing_that_is_read_is_written_over() {
     };
     let absolute = at.join("mesh.vtu").display().to_string();
     let mut lines = vec![
-        vec!["view", "scene.toml", "--record", "device-hard.toml"],
-        vec!["view", "scene.toml", "--shot", "scene.toml"],
         vec!["mesh", "convert", "mesh.vtu", "--out", "mesh-link.vtu"],
         vec!["mesh", "convert", "mesh.vtu", "--out", "./mesh-hard.vtu"],
         vec!["mesh", "convert", "mesh.vtu", "--out", &absolute],
@@ -218,6 +216,11 @@ fn nothing_that_is_read_is_written_over() {
     ] {
         lines.extend([session("--record", to), session("--save-last", to)]);
     }
+    // Last, as these would not end.
+    lines.extend([
+        vec!["view", "scene.toml", "--record", "device-hard.toml"],
+        vec!["view", "scene.toml", "--shot", "scene.toml"],
+    ]);
     for mut line in lines {
         line.push("--overwrite");
         let ran = sutura_in(at, &line);
