@@ -14,6 +14,8 @@ pub struct Scene {
     pub(crate) inner: Arc<scene::Scene>,
     /// Its text, and the files that it names.
     pub(crate) sources: Sources,
+    /// Files that it was read from.
+    pub(crate) read: Vec<PathBuf>,
     warnings: Vec<String>,
 }
 
@@ -24,15 +26,17 @@ impl Scene {
     ) -> PyResult<Self> {
         let read = py.detach(|| {
             let document = document()?;
-            Ok((scene::read(&document)?, document.sources()))
+            let scene = scene::read(&document)?;
+            Ok((scene, document.sources(), document.paths()))
         });
-        let (mut inner, sources) =
+        let (mut inner, sources, files) =
             read.map_err(|error: scene::SceneError| error::of_scene(&error))?;
         let warnings = inner.warnings.drain(..);
         Ok(Self {
             warnings: warnings.map(|warning| error::text(&warning)).collect(),
             inner: Arc::new(inner),
             sources,
+            read: files,
         })
     }
 }

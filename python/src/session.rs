@@ -6,8 +6,9 @@ use crate::scene::Scene;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use sutura_files::is_same;
 use sutura_hil::{NativeConsole, VirtualConsole};
 use sutura_host::link::{LinkOptions, Port, drain, knock, open_serial};
 use sutura_host::recording::replay::{NativeTicks, Report, replay_console, replay_host_while};
@@ -34,8 +35,12 @@ pub fn run_session(
     build: String,
     console: &str,
     lockstep: bool,
+    overwrite: bool,
 ) -> PyResult<String> {
     let plan = plan(&scene.inner, seconds, host_hz, rendering)?;
+    if let Some(file) = &record {
+        may_record(file, scene, overwrite)?;
+    }
     let (inner, sources) = (scene.inner.clone(), scene.sources.clone());
     let built = inner.clone();
     let solver = error::apart(py, move || SceneSolver::for_session(&built, &plan))?;
@@ -64,6 +69,25 @@ pub fn run_session(
         watch.end()?;
         serde_json::to_string(&summary?).map_err(|error| Error::new_err(error.to_string()))
     })
+}
+
+/// Whether a recording may be written there: nothing that is read is written over, and what is there only if that is asked.
+fn may_record(file: &Path, scene: &Scene, overwrite: bool) -> PyResult<()> {
+    let said = |why: String| Err(Error::new_err(error::harmless(&why)));
+    let shown = file.display();
+    if let Some(read) = scene.read.iter().find(|read| is_same(read, file)) {
+        return said(format!(
+            "record is {shown}, the same file as {}, which the scene is read from: name another file",
+            read.display()
+        ));
+    }
+    let found = file.metadata();
+    if !overwrite && found.is_ok_and(|found| found.is_file() && found.len() > 0) {
+        return said(format!(
+            "record is {shown}, which is there already: name another file, or write over it with overwrite=True"
+        ));
+    }
+    Ok(())
 }
 
 /// With the virtual console, a tick at a time.

@@ -60,6 +60,24 @@ def test_a_recording_runs_again_to_the_bit_and_says_where_it_is_cut_off(felt, tm
         sutura.replay(cut)
 
 
+def test_a_recording_is_written_over_nothing_unless_asked_and_never_over_what_is_read(felt, tmp_path):
+    path, scene = tmp_path / "scene.toml", tmp_path / "link.mcap"
+    path.write_text(sutura.scene(felt).toml)
+    scene.symlink_to("scene.toml")
+    for overwrite in (False, True):
+        for file in (path, scene):
+            with pytest.raises(sutura.Error, match="which the scene is read from"):
+                sutura.run(sutura.Scene.load(path), record=file, seconds=0.05, overwrite=overwrite)
+    assert sutura.Scene.load(path).seconds == 0.6
+    other = tmp_path / "a.mcap"
+    other.write_bytes(b"mine")
+    with pytest.raises(sutura.Error, match=r"is there already: name another file, or write over it with overwrite=True"):
+        sutura.run(sutura.scene(felt), record=other, seconds=0.05)
+    assert other.read_bytes() == b"mine"
+    sutura.run(sutura.scene(felt), record=other, seconds=0.05, overwrite=True)
+    assert sutura.replay(other)["host"]["identical"]
+
+
 @pytest.mark.parametrize(
     ("named", "said"),
     [

@@ -25,6 +25,7 @@ def run(
     record: str | os.PathLike[str] | None = None,
     console: str = "virtual",
     lockstep: bool | None = None,
+    overwrite: bool = False,
 ) -> dict[str, Any]:
     """Runs a scene's session with the virtual console in this process, a tick at a time: two runs give the same bits.
 
@@ -32,8 +33,8 @@ def run(
     motors: keep a hand on its emergency stop.
 
     What is left out is the scene's: its length [s], the solver's steps a second, and what the console renders from
-    ("hold", "tangent" or "rows"). `record` is the file of a recording, for `replay` and for the command. Returns the
-    session's summary, with the keys of `sutura run --format json`; `status` says whether it was felt as it
+    ("hold", "tangent" or "rows"). `record` is the file of a recording, for `replay` and for the command; one that is there is
+    kept unless `overwrite` says otherwise, and none of the scene's own is written over. Returns the session's summary, with the keys of `sutura run --format json`; `status` says whether it was felt as it
     should be. Ctrl-C ends it.
     """
     path = None if record is None else os.fspath(record)
@@ -42,7 +43,7 @@ def run(
     if lockstep and console != "virtual":
         message = f"console is {console!r}, which runs by its own clock: lockstep=True goes with console='virtual'"
         raise ValueError(_sutura.harmless(message))
-    text = _sutura.run_session(scene, seconds, host_hz, rendering, path, _build(), console, lockstep)
+    text = _sutura.run_session(scene, seconds, host_hz, rendering, path, _build(), console, lockstep, overwrite)
     summary: dict[str, Any] = json.loads(text)
     return summary | {"console": console}
 

@@ -45,6 +45,7 @@ def run_session(
     build: str,
     console: str,
     lockstep: bool,
+    overwrite: bool,
 ) -> str: ...
 def replay_session(path: str, build: str) -> str: ...
 def tradeoff(
