@@ -753,6 +753,16 @@ impl Model {
         Some(bar.bar.capsule())
     }
 
+    /// Radius of the thickest body of a grip \[m\], where bodies press on each other; else 0.
+    pub(crate) fn thickest_pair_m(&self) -> f64 {
+        let sources = self
+            .sources
+            .iter()
+            .filter(|sources| !sources.pairs.is_empty());
+        let bars = sources.flat_map(|sources| &sources.bars);
+        bars.fold(0.0, |most, part| most.max(part.bar.radius_m))
+    }
+
     /// Whether a tool carries jaws.
     pub(crate) fn has_jaws(&self) -> bool {
         self.sources

@@ -13,8 +13,8 @@ use crate::thread::Hanging;
 use crate::tool::Tool;
 
 /// Solves a scene at rest. Tools come from outside, along the outward normal of the vertex nearest to
-/// where the scene holds them. With needles, what is at rest depends on the way there: the scripts are
-/// followed until the scene's `solve_at_s`.
+/// where the scene holds them. With needles, what is at rest depends on the way there, and tools may go ways of their own: the
+/// scripts are followed until the scene's `solve_at_s`.
 ///
 /// ```
 /// use sutura_host::scene::{Document, read};
@@ -61,7 +61,8 @@ pub fn solve(scene: &Scene) -> Result<Solution, SolveError> {
         .collect();
     let without = !scene.follows_scripts();
     let acting = scene.acting();
-    if acting.forces.is_empty() && acting.handles.is_empty() && held.is_empty() && without {
+    let loaded = !(acting.forces.is_empty() && acting.handles.is_empty());
+    if !loaded && held.is_empty() && scene.added.is_empty() && without {
         return Err(SolveError::Nothing);
     }
     let mut solver = SceneSolver::apart(scene)?;

@@ -85,24 +85,23 @@ fn every_key_of_the_schema_is_in_the_table() {
 
 /// Puts a value in the place of that at a path, whose numbers are places in lists.
 fn put(scene: &mut Table, path: &str, value: &Value) {
-    let (way, last) = path.rsplit_once('.').unwrap_or(("", path));
-    let mut at = None;
-    for key in way.split('.').filter(|key| !key.is_empty()) {
-        let next = match (at.take(), key.parse::<usize>()) {
-            (Some(Value::Array(list)), Ok(place)) => &mut list[place],
-            (Some(Value::Table(table)), _) => &mut table[key],
-            (None, _) => scene.get_mut(key).expect(path),
-            _ => panic!("no {path}"),
+    let keys: Vec<&str> = path.split('.').collect();
+    let (last, way) = keys.split_last().expect("a key");
+    let Some((first, way)) = way.split_first() else {
+        scene.insert((*last).to_owned(), value.clone());
+        return;
+    };
+    let mut at = scene.get_mut(*first).expect(path);
+    for key in way {
+        at = match key.parse::<usize>() {
+            Ok(place) => &mut at[place],
+            Err(_) => &mut at[*key],
         };
-        at = Some(next);
     }
     match (at, last.parse::<usize>()) {
-        (Some(Value::Array(list)), Ok(place)) => list[place] = value.clone(),
-        (Some(Value::Table(table)), _) => {
-            table.insert(last.to_owned(), value.clone());
-        }
-        (None, _) => {
-            scene.insert(last.to_owned(), value.clone());
+        (Value::Array(list), Ok(place)) => list[place] = value.clone(),
+        (Value::Table(table), _) => {
+            table.insert((*last).to_owned(), value.clone());
         }
         _ => panic!("no {path}"),
     }

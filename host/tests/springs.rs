@@ -4,10 +4,16 @@ use nalgebra::Vector3;
 use sutura_host::fem::{Loads, NodeLoad, Policy};
 use sutura_host::model::{Model, Passes};
 use sutura_host::scene::{Document, Scene};
+use sutura_host::solve::solve;
 use sutura_host::step::{State, StepOptions, step};
 
 /// A block with a spring between two corners of its top, and one from a third to a fixed place.
 fn block(tissue: &str) -> Scene {
+    block_with(tissue, "")
+}
+
+/// The same with more in its scene.
+fn block_with(tissue: &str, more: &str) -> Scene {
     let text = format!(
         "[mesh.slab]\nsize_m = [0.04, 0.03, 0.02]\ndivisions = [4, 3, 2]\n\
          [tissue]\nmodel = \"{tissue}\"\nyoungs_modulus_pa = 12e3\npoisson_ratio = 0.4\n\
@@ -15,7 +21,7 @@ fn block(tissue: &str) -> Scene {
          [[spring]]\nfrom_m = [-0.01, 0.005, 0.0]\nto_m = [0.02, 0.015, 0.0]\n\
          stiffness_n_per_m = 20.0\nlength_m = 0.02\n\
          [[spring]]\nfrom_m = [-0.02, -0.015, 0.0]\nto_m = [-0.03, -0.01, 0.02]\nto_is_fixed = true\n\
-         stiffness_n_per_m = 8.0\nlength_m = 0.012\n"
+         stiffness_n_per_m = 8.0\nlength_m = 0.012\n{more}"
     );
     let document = Document::embedded("block.toml", "".as_ref(), &text);
     Scene::read(&document, "block").expect("a good scene")
@@ -116,4 +122,35 @@ fn tissue_that_turns_is_where_the_springs_tensions_as_loads_have_it() {
     let model = Model::corotational(mesh, materials, fixed, loads, &[], policy, passes);
     let model = model.expect("tissue");
     assert_at(&scene, &State::new(&model).positions(&model), &at_m, 1e-6);
+}
+
+/// Solves without a console have springs, a tool somewhere or none: to the bit the same, and what steps come to.
+#[test]
+fn solves_have_springs_with_a_far_tool_and_without() {
+    let far = "[[tool]]\nradius_m = 0.01\nposition_m = [0.0, 0.0, 0.3]\n";
+    for tissue in ["linear", "corotational", "hyperelastic"] {
+        let [without, with] =
+            ["", far].map(|more| solve(&block_with(tissue, more)).expect("a rest"));
+        assert_eq!(
+            without.drawn.displacement_m, with.drawn.displacement_m,
+            "{tissue}"
+        );
+        assert_eq!(without.fixed_force_n, with.fixed_force_n, "{tissue}");
+        let scene = block(tissue);
+        let (by_steps, _) = at_rest(&scene);
+        let ways = without
+            .drawn
+            .displacement_m
+            .iter()
+            .zip(scene.mesh.points_m());
+        let solved: Vec<[f64; 3]> = ways
+            .map(|(u, x)| [x[0] + u[0], x[1] + u[1], x[2] + u[2]])
+            .collect();
+        assert_at(&scene, &solved, &by_steps, 1e-6);
+        let moved = without.drawn.displacement_m.iter().flatten();
+        assert!(
+            moved.fold(0.0f64, |most, u| most.max(u.abs())) > 1e-4,
+            "{tissue}"
+        );
+    }
 }

@@ -234,9 +234,12 @@ fn what_is_held_as_a_whole_stops_every_shape_on_every_tissue() {
             let mut hand = Hand::new(SceneSolver::new(&scene).expect("a solver"));
             let forces_n = hand.press([0.0013, 0.0021], touches_at(shape));
             assert_grows(&forces_n, &format!("{tissue}, {shape}"));
-            let nodes = scene.mesh.points_m().iter();
-            let moved = nodes
-                .zip(hand.solver.positions_m().iter())
+            let nodes_m = hand.solver.positions_m();
+            let moved = scene
+                .mesh
+                .points_m()
+                .iter()
+                .zip(nodes_m.iter())
                 .map(|(a, b)| (Vector3::from(*a) - Vector3::from(*b)).norm());
             // The sides alone are free, and nothing presses on them.
             assert!(moved.fold(0.0, f64::max) < 1e-9, "{tissue}, {shape}");

@@ -6,7 +6,7 @@ use super::super::SolveError;
 use crate::contact::shape::Solid;
 use crate::model::Model;
 use crate::scene::{Pose, Scene, SceneError};
-use crate::script::{Fall, Path, at_rest, outside};
+use crate::script::{Fall, Path, at_rest, gap_at_rest, outside};
 use crate::source::tool::MOST_CONTACTS;
 use crate::step::{State, Status, StepOptions, StepReport, Workspace, step, try_step};
 use crate::tool::{Tool, ToolSample};
@@ -22,6 +22,8 @@ pub(crate) const IN_BALANCE: f64 = 1e-9;
 /// Passes with the tools at their places: a stale factor leaves about a tenth in each.
 pub(crate) const MOST_PASSES: u32 = 300;
 
+/// How far apart bodies begin that press on each other, in radii of the thickest.
+const APART_RADII: f64 = 4.0;
 /// How far from the tool vertices are prepared, in radii: as far as a step looks ahead.
 const PREPARED_RADII: f64 = 0.5;
 /// How far from a needle nodes are prepared, in mean edges: those of the faces that it goes through, and of the
@@ -138,14 +140,20 @@ impl Constrained {
     /// Steps until every tool is where the scene holds it, and corotational tissue in balance.
     pub fn come_to_rest(&mut self, held: &[(u8, Tool, Pose)]) -> Result<StepReport, SolveError> {
         let (surface, points_m) = (self.model.surface(), self.model.points_m());
-        let from: Vec<ToolSample> = held
-            .iter()
-            .map(|(id, shape, pose)| {
-                let body = self.model.body_of(*id);
-                let shape = body.as_ref().unwrap_or(shape);
-                at_rest(*id, &outside(surface, points_m, shape, pose))
-            })
-            .collect();
+        // Bodies that press on each other have to be seen apart: each begins farther out than the next.
+        let apart_m = APART_RADII * self.model.thickest_pair_m();
+        let from = (1..).zip(held).map(|(number, (id, shape, pose))| {
+            let body = self.model.body_of(*id);
+            let shape = body.as_ref().unwrap_or(shape);
+            let mut there = outside(surface, points_m, shape, pose);
+            let out = gap_at_rest(surface, points_m, shape, &there);
+            if let (true, Some((_, out))) = (body.is_some(), out) {
+                let out = out * (apart_m * (held.len() - number) as f64);
+                there.position_m = (Vector3::from(there.position_m) + out).into();
+            }
+            at_rest(*id, &there)
+        });
+        let from: Vec<ToolSample> = from.collect();
         let to = held.iter().map(|(id, _, pose)| at_rest(*id, pose));
         let to: Vec<ToolSample> = to.collect();
         work::begin("bringing tools to where they are held", || {
