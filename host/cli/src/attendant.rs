@@ -66,27 +66,36 @@ impl Operator {
 
     /// What arms the console next, in words; by itself not before `wait` is over.
     fn ready(&mut self, wait: Duration) -> String {
-        self.listen();
         if self.rearms && !wait.is_zero() {
             return format!(
                 "it is armed again in {:.0} s, three times a minute at most",
                 wait.as_secs_f64().ceil()
             );
         }
-        let words = match &self.lines {
-            _ if self.rearms => "it is armed again",
-            _ if self.has_keys => "a, pressed twice, arms it",
+        if self.rearms {
+            return "it is armed again".to_owned();
+        }
+        let by_hand = self.by_hand();
+        by_hand
+            .unwrap_or("it stays at rest; with --rearm it is armed by itself")
+            .to_owned()
+    }
+
+    /// What somebody at the terminal does to arm the console, in words; none where nobody is asked.
+    fn by_hand(&mut self) -> Option<&'static str> {
+        self.listen();
+        match &self.lines {
+            _ if self.has_keys => Some("a, pressed twice, arms it"),
             Some(lines) if !lines.over.load(Ordering::Relaxed) => {
                 lines.came.store(false, Ordering::Relaxed);
                 if std::io::stdin().is_terminal() {
-                    "press Enter to arm it"
+                    Some("press Enter to arm it")
                 } else {
-                    "a line on standard input arms it"
+                    Some("a line on standard input arms it")
                 }
             }
-            _ => "it stays at rest; with --rearm it is armed by itself",
-        };
-        words.to_owned()
+            _ => None,
+        }
     }
 }
 
@@ -137,8 +146,8 @@ impl Attendant for Operator {
     }
 
     fn stopped(&mut self, person: &str) {
-        self.listen();
-        note!("safe stop by {person}: the console rests until somebody arms it");
+        let next = self.by_hand().unwrap_or("it rests until somebody arms it");
+        note!("safe stop by {person}: {next}");
     }
 
     fn arms(&mut self) -> Arms {
