@@ -36,7 +36,8 @@ impl Lag {
         let normal = Vector3::from(contact.normal);
         let closed_m = -normal.dot(&self.way_m);
         let is_apart = contact.gap_m > 0.0 && !holds;
-        if is_apart && closed_m <= contact.gap_m {
+        // Nothing is touched: a hand on its way in closes whatever gap there is before the tool does.
+        if is_apart && closed_m <= 0.0 {
             return false;
         }
         let [x, y, z, ..] = contact.wrench;
@@ -100,9 +101,9 @@ mod tests {
         // On the way out it lets go; what is held pulls.
         assert!(!lag(9e-3).outruns(&spring(1.0, 0.0), false));
         assert!(lag(9e-3).outruns(&spring(1.0, 0.0), true));
-        // Up to the surface nothing is made of it, behind that no force was solved.
-        assert!(!lag(-0.9e-3).outruns(&spring(0.0, 1e-3), false));
-        assert!(lag(-1.1e-3).outruns(&spring(0.0, 1e-3), false));
+        // On the way in no force was solved, on the way out none is made.
+        assert!(lag(-0.1e-3).outruns(&spring(0.0, 1e-3), false));
+        assert!(!lag(0.1e-3).outruns(&spring(0.0, 1e-3), false));
         // A turn counts by what it presses: 0.3 rad of 5 N/rad.
         let turned = Lag {
             way_m: Vector3::zeros(),
