@@ -17,10 +17,8 @@ fn half(address: SocketAddr) -> TcpStream {
 
 /// Whether the other end has closed it.
 fn is_closed(stream: &mut TcpStream) -> bool {
-    match stream.read(&mut [0; 512]) {
-        Err(error) => error.kind() != ErrorKind::WouldBlock,
-        Ok(_) => true,
-    }
+    let outcome = stream.read(&mut [0; 512]);
+    !matches!(outcome, Err(error) if error.kind() == ErrorKind::WouldBlock)
 }
 
 /// More half requests than there are places: the oldest go, a page is served among them, and no more than the places stay open.
