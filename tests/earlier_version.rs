@@ -20,7 +20,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use sutura_hil::{NativeConsole, Pty, VirtualConsole, serve};
 use sutura_host::link::{LinkError, LockstepConsole, Port};
-use sutura_host::session::run_lockstep;
+use sutura_host::session::{EndingKind, run_lockstep};
 use sutura_shared::simulated_console::SimulatedConsole;
 use sutura_shared::wire::message::{Mode, State};
 use sutura_shared::wire::{
@@ -212,10 +212,13 @@ fn a_host_hears_the_earlier_console_to_its_end() {
             ControlFlow::Continue(())
         });
         let summary = ran.unwrap();
-        assert_eq!(
-            (summary.status.as_str(), summary.mode.as_str()),
-            ("ok", "armed"),
-            "{name}"
+        assert_eq!(summary.mode, "armed", "{name}");
+        // The forces are of another solver's contacts, which the plane here may not find.
+        let ending = summary.ending.kind;
+        assert!(
+            matches!(ending, EndingKind::Ok | EndingKind::Untouched),
+            "{name}: {}",
+            summary.status
         );
         assert_eq!((summary.frames.lost, summary.frames.rejected), (0, 0));
         assert_eq!(summary.ticks as usize, ticks - 1, "{name}");

@@ -203,7 +203,7 @@ struct Drawn {
     inside: f64,
     /// Whether steps foretell a contact that none of them finds.
     ghost: bool,
-    /// Whether frames in contact are none of the console's tool.
+    /// Whether frames in contact say that it is far away.
     mute: bool,
     seed: u64,
 }
@@ -243,8 +243,8 @@ impl Solve for Springs {
         };
         if touched {
             contact.wrench[2] = -stiffness_n_per_m * z;
-            // The console has one tool, 0, and takes nothing of another.
-            contact.id = u8::from(mute);
+            // What is that far away nobody feels.
+            contact.gap_m = if mute { 0.1 } else { 0.0 };
             self.touched += 1;
             self.largest_n = self.largest_n.max(contact.wrench[2]);
         }

@@ -56,7 +56,7 @@ const EXAMPLES: &[(&str, Way)] = &[
         "sutura run --rendering hold --host-hz 30",
         Feels(FIRST_PRESS),
     ),
-    ("sutura run --record session.mcap", Feels(FIRST_PRESS)),
+    ("sutura run --record session.mcap", Feels("1.3")),
     ("sutura replay session.mcap", Ends(&[])),
     (
         "sutura replay session.mcap --verify --format json",
@@ -128,7 +128,6 @@ const EXAMPLES: &[(&str, Way)] = &[
     ("sutura view scenes/anastomosis-20.toml", Shows),
     ("sutura view --foxglove", Shows),
     ("sutura view session.mcap", Shows),
-    ("sutura view --record session.mcap", Shows),
     (
         "sutura view scenes/palpation.toml --shot palpation.png --at 2.5",
         Shot("palpation.png"),
@@ -137,6 +136,8 @@ const EXAMPLES: &[(&str, Way)] = &[
         "sutura view session.mcap --shot forces.png --at 1.2",
         Shot("forces.png"),
     ),
+    // Afterwards the file has another recording.
+    ("sutura view --record session.mcap", Shows),
     ("sutura console", Serves),
     ("sutura console --link /tmp/bench", Serves),
     ("sutura console --link /tmp/console", Serves),

@@ -295,11 +295,13 @@ fn a_console_that_lets_go_rests_until_the_session_is_over() {
         } else {
             assert_eq!(ran.code, 8, "{}", ran.stderr);
             assert!(status.starts_with("not-rendered: "), "{status}");
-            assert!(ran.stderr.contains("did not find a balance"));
+            assert!(ran.stderr.contains("press less deep"), "{}", ran.stderr);
         }
         assert_eq!(summary["mode"], "idle", "{mode:?}");
         assert!(summary["ticks"].as_u64().unwrap() >= 5000, "{mode:?}");
-        assert!(summary["steps_withheld"]["not-converged"].as_u64() > Some(0));
+        let withheld = &summary["steps_withheld"];
+        let of = |why: &str| withheld[why].as_u64().unwrap_or(0);
+        assert!(of("not-converged") + of("inside") > 0, "{withheld}");
     }
 }
 

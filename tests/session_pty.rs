@@ -71,7 +71,11 @@ fn a_session_in_real_time_ends_as_it_may_and_leaves_the_console_at_rest() {
     let port = console.host_port().unwrap();
     let summary = run_real_time(port, patient(), &plan, &mut Plane, |note| {
         notes += 1;
-        assert!((before..=1.5 + 1e-9).contains(&note.elapsed_s));
+        let elapsed_s = note.elapsed_s;
+        assert!(
+            (before..=1.5 + 1e-9).contains(&elapsed_s),
+            "{before} {elapsed_s}"
+        );
         before = note.elapsed_s;
         ControlFlow::Continue(())
     })

@@ -437,7 +437,12 @@ fn a_peer_without_a_state_that_can_be_used_is_named_with_the_reason() {
                     };
                     assert!(is_meant, "{name}, again {again}: {error:?}");
                     let text = error.to_string();
-                    assert!(text.contains(reason), "{name}, again {again}: {text}");
+                    // Some frames may have been refused for another reason while the session was opened.
+                    let mut words = reason.split(": ");
+                    assert!(
+                        words.all(|words| text.contains(words)),
+                        "{name}, again {again}: {text}"
+                    );
                 });
             }
         }

@@ -527,18 +527,16 @@ impl Prescribed {
         rows.sum()
     }
 
-    /// A tool that holds nothing must be outside, and what it holds push it out; one that has slipped in is forgotten.
+    /// A tool that holds nothing, or that tissue pulls, must be outside; one that has slipped in is forgotten.
     fn all_outside(&mut self) -> Status {
         for index in 0..MAX_TOOLS {
             let Some((_, solid)) = &self.tools[index] else {
                 continue;
             };
             self.sticking.pressing(index, &mut self.pressing);
-            if !self.pressing.is_empty() {
-                if self.stands_by_its_force() && self.outward_n() < 0.0 {
-                    self.tools[index] = None;
-                    return Status::Inside;
-                }
+            // Nodes that stick pull at a tool that is drawn back, too: that one is outside.
+            let is_pulled_in = self.stands_by_its_force() && self.outward_n() < 0.0;
+            if !(self.pressing.is_empty() || is_pulled_in) {
                 continue;
             }
             let positions = self.tissue.positions_m();

@@ -68,6 +68,13 @@ pub struct Looked {
     pub trials: u32,
     /// Whether there was no time for more.
     pub short: bool,
+    /// Whether none were planned: the host was late for some time, and the solve was made at once where the hand will be.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub hurried: bool,
+}
+
+fn is_false(flag: &bool) -> bool {
+    !*flag
 }
 
 fn is_zero(count: &u32) -> bool {
@@ -138,6 +145,11 @@ impl LookBudget {
     /// From now on it is as [`Self::expect`] says: for replays.
     pub fn replay(&mut self) {
         self.pace = Pace::Recorded(Looked::default());
+    }
+
+    /// Notes whether the solve under way plans no steps besides its own.
+    pub fn hurry(&mut self, hurried: bool) {
+        self.looked.hurried = hurried;
     }
 
     /// What the next solve of a replay made then.

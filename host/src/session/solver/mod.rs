@@ -556,6 +556,12 @@ impl SceneSolver {
     /// What comes in steps to come, and how far the next solve looks ahead.
     pub fn expect(&mut self, arrivals: &[Arrival], looked: Looked) {
         self.past.budget.expect(looked);
+        // Rows that were given up change nothing in the tissue.
+        self.effort = if looked.hurried {
+            Effort::NoLooks
+        } else {
+            Effort::Full
+        };
         if let Some(tissue) = self.follower.constrained() {
             tissue.work.expect(arrivals);
         }
@@ -637,6 +643,7 @@ impl Solve for SceneSolver {
             };
         };
         self.past.budget.begin(&self.past.last);
+        self.past.budget.hurry(self.effort != Effort::Full);
         let mut stages = Stages::default();
         let mut clock = Clock::start();
         let before = self.past.last_sample.replace(sample);
