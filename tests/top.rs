@@ -59,7 +59,7 @@ fn figures_move_and_keys_are_obeyed() {
     top.shows("It is no emergency stop");
     top.press("s");
     top.shows(" IDLE ");
-    top.shows("the console is at rest");
+    top.shows("safe stop, asked for by");
     top.press("a");
     top.shows("a once more arms the console");
     top.press("x");

@@ -558,8 +558,9 @@ fn every_slip_is_told_at_its_place_with_a_way_out() {
     let without = without.replace("solve_at_s = 3.0\n", "") + rest;
     let message = read(&without).expect_err("no needle").to_string();
     assert!(message.contains("settings for needles"), "{message}");
-    let timed = GOOD.split("[[needle]]").next().expect("tools");
-    let message = read(timed).expect_err("no needle").to_string();
+    let timed = GOOD.split("[[tool]]").next().expect("tissue");
+    let refused = read(timed).map(|_| ()).expect_err("nothing that moves");
+    let message = refused.to_string();
     assert!(message.contains("a time to solve at"), "{message}");
     let silent = GOOD.replace("needle = {", "# needle = {");
     let message = read(&silent).expect_err("says nothing").to_string();

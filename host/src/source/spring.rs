@@ -118,7 +118,9 @@ impl Added for Spring {
 #[cfg(test)]
 #[test]
 fn the_tangent_of_a_tool_beside_a_spring_is_that_of_whole_steps() {
-    let slab = include_str!("../../../scenes/tied-slab.toml");
+    // Whole steps there and back slip where the tool rubs.
+    let slab = include_str!("../../../scenes/tied-slab.toml").replace("friction = 0.1\n", "");
+    let slab = slab.as_str();
     let (tied, error) = super::testing::held(slab, 0.014);
     let (free, _) = super::testing::held(slab.split("[[spring]]").next().unwrap_or(""), 0.014);
     let change_n = tied.contacts()[0].wrench[2] - free.contacts()[0].wrench[2];

@@ -20,7 +20,7 @@ const LEAST_ON_A_SIDE: f64 = -0.5;
 /// Magnitude of the summed force over the sum of the magnitudes, from which on a contact is on one side of the tool.
 const ONE_SIDE: f64 = 0.8;
 /// Contacts that are less outward wrap around the tool: below that a force that falls on the way in is no bend of the tissue.
-const WRAPS: f64 = 0.75;
+const WRAPS: f64 = 0.85;
 /// Fall of the force on the way in, as a share and \[N\], from which on it is told.
 const FALL: (f64, f64) = (0.015, 0.02);
 /// Ways aside of the way in that are none, in radii of the tool.
