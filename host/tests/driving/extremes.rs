@@ -82,11 +82,11 @@ fn a_tip_that_jumps_across_everything() {
         crossings.map(|crossing| crossing.face).collect()
     };
     assert_eq!(faces(&bench), faces(&slow));
-    // What it went through at once rubs from then on.
+    // It has been followed through both: it rubs as the slow one does.
     let far = needle.axial_n;
     let [last, needle] =
         [&mut slow, &mut bench].map(|bench| down(bench, 1e-3).needles()[0].axial_n);
-    assert!(far.abs() < 1e-3 * last.abs(), "{far} {last}");
+    assert!((far / last - 1.0).abs() < 0.02, "{far} {last}");
     assert!((last / needle - 1.0).abs() < 0.02, "{last} {needle}");
     // Inside, a jump is followed a piece at a time.
     bench.grip.translation.vector.x += 0.05;

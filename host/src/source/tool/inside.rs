@@ -10,17 +10,20 @@
 use super::{Contact, Placements, ToolContacts, TouchingTools};
 use crate::model::Model;
 use crate::step::Balance;
-use crate::tool::Placement;
+use crate::tool::{Placement, Shape};
 use nalgebra::{Matrix3, Vector3};
 
-/// Least outwardness of a contact from outside: where much of it lies along the sides of a thin tool it is twice that.
+/// Least outwardness of a contact of a round tool from outside: where much of it lies along the sides of a thin tool it is twice
+/// that.
 const LEAST_OUTWARD: f64 = 0.15;
+/// The same of a tool with a flat face, whose sides are pinched by what its face has pressed down.
+const LEAST_OF_A_FACE: f64 = 0.0;
 /// Least outwardness of a contact on one side of the tool, which may lie on the flank of an edge or a tip.
 const LEAST_ON_A_SIDE: f64 = -0.5;
 /// Magnitude of the summed force over the sum of the magnitudes, from which on a contact is on one side of the tool.
 const ONE_SIDE: f64 = 0.8;
 /// Contacts that are less outward wrap around the tool: below that a force that falls on the way in is no bend of the tissue.
-const WRAPS: f64 = 0.85;
+const WRAPS: f64 = 0.75;
 /// Fall of the force on the way in, as a share and \[N\], from which on it is told.
 const FALL: (f64, f64) = (0.015, 0.02);
 /// Ways aside of the way in that are none, in radii of the tool.
@@ -45,12 +48,16 @@ impl Pressing {
         self.outward / self.total
     }
 
-    /// Least outwardness of such a contact from outside, on whose way in the force `falls` or not.
-    fn least(&self, falls: bool) -> f64 {
-        match (self.force.norm() > ONE_SIDE * self.total, falls) {
-            (true, _) => LEAST_ON_A_SIDE,
-            (false, true) => WRAPS,
-            (false, false) => LEAST_OUTWARD,
+    /// Least outwardness of such a contact from outside, of a tool that `is_round` or not, on whose way in the force `falls` or
+    /// not.
+    fn least(&self, is_round: bool, falls: bool) -> f64 {
+        if self.force.norm() > ONE_SIDE * self.total {
+            return LEAST_ON_A_SIDE;
+        }
+        match (is_round, falls) {
+            (false, _) => LEAST_OF_A_FACE,
+            (true, true) => WRAPS,
+            (true, false) => LEAST_OUTWARD,
         }
     }
 }
@@ -217,19 +224,22 @@ impl Balance<'_> {
         let count = self.sources.tools.each().len() as u32;
         let found = (0..count).find(|tool| match self.state.tools.count(*tool) {
             0 => self.is_swallowed(model, *tool, ends),
-            _ if self.is_wrapped(*tool) => true,
+            _ if self.is_wrapped(model, *tool) => true,
             _ => self.state.tools.touches_walls_alone(*tool) && self.is_enclosed(model, *tool),
         });
         self.work.tools.slipped = found;
         found
     }
 
-    /// Whether the surface has slipped around a tool that touches.
-    fn is_wrapped(&mut self, tool: u32) -> bool {
+    /// Whether the surface has slipped around a tool that touches. Vertices that leave a flat face over its rim lower the force
+    /// without that, and so does tissue that is not linear while it comes to balance.
+    fn is_wrapped(&mut self, model: &Model, tool: u32) -> bool {
         let tools = &self.sources.tools;
         let at_rest = self.state.tools.pressed(tools, tool, &Matrix3::identity());
         let falls = self.state.tools.falls(tools, tool, &at_rest.force);
-        let least = at_rest.least(falls);
+        let shape = &tools.each()[tool as usize].tool.shape;
+        let is_round = matches!(shape, Shape::Sphere { .. } | Shape::Capsule { .. });
+        let least = at_rest.least(is_round, falls && model.body.is_linear());
         if at_rest.total == 0.0 || at_rest.outwardness() >= least {
             return false;
         }
