@@ -203,7 +203,7 @@ struct Drawn {
     inside: f64,
     /// Whether steps foretell a contact that none of them finds.
     ghost: bool,
-    /// Whether frames in contact say that it is far away.
+    /// Whether nothing is sent in contact.
     mute: bool,
     seed: u64,
 }
@@ -243,8 +243,6 @@ impl Solve for Springs {
         };
         if touched {
             contact.wrench[2] = -stiffness_n_per_m * z;
-            // What is that far away nobody feels.
-            contact.gap_m = if mute { 0.1 } else { 0.0 };
             self.touched += 1;
             self.largest_n = self.largest_n.max(contact.wrench[2]);
         }
@@ -254,7 +252,7 @@ impl Solve for Springs {
                 true => [0.0, 0.0, z.max(1e-3) as f32],
                 false => state.body().position_m,
             },
-            contact: Some(contact),
+            contact: (!(mute && touched)).then_some(contact),
             status: Status::Ok,
             touched,
             presses: touched,

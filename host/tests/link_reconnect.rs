@@ -196,7 +196,8 @@ fn a_console_that_starts_anew_behind_its_port_gets_a_new_session() {
         ..LinkOptions::default()
     });
     link.order(ARM).unwrap();
-    let armed = wait_for(&link, |state| state.mode == Mode::Armed && state.tick > 50);
+    // It has been there for some time, not for a first state alone.
+    let armed = wait_for(&link, |state| state.mode == Mode::Armed && state.tick > 500);
     console.reset.store(true, Ordering::Relaxed);
     assert_eq!(news.recv_timeout(LONG), Ok(News::Lost));
     assert_eq!(news.recv_timeout(LONG), Ok(News::Reopened));

@@ -141,9 +141,10 @@ fn a_step_on_corotational_tissue_allocates_nothing_once_it_has_columns() {
             statuses.push(report.status);
         }
     });
-    let ok = statuses.iter().filter(|status| **status == Status::Ok);
-    // One sample of the path is not a number.
-    assert_eq!(ok.count(), 39, "{statuses:?}");
+    // One sample of the path is not a number, and around a ball that is deep tissue may slip.
+    let answered = statuses.iter();
+    let answered = answered.filter(|status| matches!(status, Status::Ok | Status::Inside));
+    assert_eq!(answered.count(), 39, "{statuses:?}");
     assert!(
         most_rows >= 3 && refactorisations >= 5 && passes > 60,
         "{most_rows} {refactorisations} {passes}"

@@ -79,7 +79,9 @@ impl Ran {
             0 => status == "ok",
             // A machine that stands still for half a second is enough for that.
             1 => status.starts_with("idle: no usable contact"),
-            8 => status.starts_with("not-rendered: "),
+            8 => ["not-rendered: ", "behind: ", "inside: "]
+                .iter()
+                .any(|word| status.starts_with(word)),
             _ => false,
         }
     }

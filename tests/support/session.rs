@@ -27,7 +27,8 @@ pub fn patient() -> LinkOptions {
 /// Whether a session in real time ended in one of the ways that it may: where the machine let the host wait for half a
 /// second, the console has gone to rest; and where it was late all the time, too little of its contact was felt.
 pub fn ended_well(summary: &Summary) -> bool {
-    let is_late = summary.status.starts_with("not-rendered: ");
+    let late = ["not-rendered: ", "behind: "];
+    let is_late = late.iter().any(|word| summary.status.starts_with(word));
     summary.status == "ok" || went_idle(summary) || is_late
 }
 

@@ -252,11 +252,11 @@ pub fn gated(bless: bool, format: Format) -> Result<()> {
     for (name, estimate) in &cycles {
         let title = format!("{name} in cycles");
         gates.push(gates::limit(&title, Some(estimate.cycles), CYCLE_LIMIT));
-        // What was followed is what was counted: to a percent, as blocks that an interrupt or a page cuts are not.
+        // The followed count is that of the run: to a percent and some blocks that an interrupt or a page cuts.
         let counted = instructions.get(name).copied().unwrap_or(0);
         let apart = counted.abs_diff(estimate.instructions);
         let title = format!("{name} followed");
-        gates.push(gates::limit(&title, Some(apart), counted / 100 + 100));
+        gates.push(gates::limit(&title, Some(apart), counted / 100 + 120));
     }
     for (board, image) in &boards {
         let way = image.panic_in_control.join(" calls ");

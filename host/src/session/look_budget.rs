@@ -369,6 +369,7 @@ mod tests {
             passes: 2,
             trials: 1,
             short: true,
+            hurried: false,
         };
         let mut budget = LookBudget::new(5000.0, 1000);
         budget.replay();

@@ -366,10 +366,10 @@ fn forces_on_tissue_sum_to_zero_with_what_is_fixed() {
     }
 }
 
-/// Without a hand `solve` and steps find the same of a tool on a wall.
+/// Without a hand `solve` and steps find the same of a tool on a wall; with friction the force depends on the way there.
 #[test]
 fn solve_and_steps_say_the_same_of_a_wall() {
-    for shape in SHAPES {
+    for shape in SHAPES.iter().filter(|shape| !shape.contains("friction")) {
         let text = format!("[[tool]]\n{shape}\nposition_m = [0.001, 0.002, -0.0003]");
         let scene = scene("linear", TOP, &text);
         let solution = solve(&scene).expect("a rest");

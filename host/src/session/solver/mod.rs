@@ -485,13 +485,15 @@ impl SceneSolver {
         })
     }
 
-    /// Whether the driven tool was on tissue or another body in the last step, rather than at a thread, or withheld.
+    /// Whether the driven tool was on tissue or another body in the last step, rather than at a thread, or withheld. Jaws hold
+    /// tissue without any force until they draw at it.
     fn presses(&self, needle: Option<&HeldNeedle>) -> bool {
-        if let Follower::Prescribed(tissue) = &self.follower {
-            return tissue.touched();
-        }
+        let has_jaws = match &self.follower {
+            Follower::Prescribed(tissue) => return tissue.touched(),
+            Follower::Constrained(tissue) => tissue.model.has_jaws(),
+        };
         let contact = self.past.last.contacts().first();
-        contact.is_some_and(|contact| contact.rows > 0)
+        contact.is_some_and(|contact| contact.rows > 0 && !has_jaws)
             || needle.is_some_and(|needle| matches!(needle.tip, Tip::Holding | Tip::Inside))
     }
 
