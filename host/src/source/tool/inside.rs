@@ -13,12 +13,11 @@ use crate::step::Balance;
 use crate::tool::{Placement, Shape};
 use nalgebra::{Matrix3, Vector3};
 
-/// Least outwardness of a contact of a round tool from outside, on linear tissue: where much of it lies along the sides of a thin
-/// tool it is twice that.
+/// Least outwardness of a contact of a round tool from outside: where much of it lies along the sides of a thin tool it is twice
+/// that.
 const LEAST_OUTWARD: f64 = 0.15;
-/// The same of other contacts: sides of a flat face are pinched by what the face has pressed down, and other tissue comes to
-/// balance over some steps.
-const LEAST_OTHERWISE: f64 = 0.0;
+/// The same of a tool with a flat face, whose sides are pinched by what its face has pressed down.
+const LEAST_OF_A_FACE: f64 = 0.0;
 /// Least outwardness of a contact on one side of the tool, which may lie on the flank of an edge or a tip.
 const LEAST_ON_A_SIDE: f64 = -0.5;
 /// Magnitude of the summed force over the sum of the magnitudes, from which on a contact is on one side of the tool.
@@ -49,13 +48,14 @@ impl Pressing {
         self.outward / self.total
     }
 
-    /// Least outwardness of such a contact from outside. `slips`: it would show by a force that `falls` on the way in.
-    fn least(&self, slips: bool, falls: bool) -> f64 {
+    /// Least outwardness of such a contact from outside, of a tool that `is_round` or not, on whose way in the force `falls` or
+    /// not.
+    fn least(&self, is_round: bool, falls: bool) -> f64 {
         if self.force.norm() > ONE_SIDE * self.total {
             return LEAST_ON_A_SIDE;
         }
-        match (slips, falls) {
-            (false, _) => LEAST_OTHERWISE,
+        match (is_round, falls) {
+            (false, _) => LEAST_OF_A_FACE,
             (true, true) => WRAPS,
             (true, false) => LEAST_OUTWARD,
         }
@@ -239,7 +239,7 @@ impl Balance<'_> {
         let falls = self.state.tools.falls(tools, tool, &at_rest.force);
         let shape = &tools.each()[tool as usize].tool.shape;
         let is_round = matches!(shape, Shape::Sphere { .. } | Shape::Capsule { .. });
-        let least = at_rest.least(is_round && model.body.is_linear(), falls);
+        let least = at_rest.least(is_round, falls && model.body.is_linear());
         if at_rest.total == 0.0 || at_rest.outwardness() >= least {
             return false;
         }
