@@ -245,12 +245,13 @@ class Draw:
     def _pulled(self, top_m: float) -> None:
         """Springs and loads."""
         scene = self.scene
+        middle_m = 0.5 * scene["mesh"].get("scale_to_m", 0.0)
         if self.chance(0.3):
             springs: list[Section] = [
-                {"from_m": [-0.02, 0.0, top_m], "to_m": [0.02, 0.01, top_m], "stiffness_n_per_m": self.near(10.0, 60.0)},
+                {"from_m": [middle_m - 0.01, middle_m, top_m], "to_m": [middle_m + 0.01, middle_m, top_m], "stiffness_n_per_m": self.near(10.0, 60.0)},
                 {
-                    "from_m": [0.02, 0.02, top_m],
-                    "to_m": [0.02, 0.02, top_m + 0.03],
+                    "from_m": [middle_m + 0.01, middle_m + 0.01, top_m],
+                    "to_m": [middle_m + 0.01, middle_m + 0.01, top_m + 0.03],
                     "to_is_fixed": True,
                     "stiffness_n_per_m": self.near(10.0, 40.0),
                 },
