@@ -1,7 +1,7 @@
 //! Work that takes seconds before a command's own begins: what it is, how large, and how far.
 //!
 //! Entry points: [`Layer`], which hears of it, and [`watch`], while whose guard lives it is shown: as a bar on a terminal, else
-//! as one line on stderr for each piece of work that takes longer than a second.
+//! as one line on stderr for each piece of work that takes longer than a second, and another every ten.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::fmt;
@@ -17,6 +17,8 @@ use tracing_subscriber::layer::Context;
 
 /// Longer than this, and somebody who waits wonders.
 const LONG: Duration = Duration::from_secs(1);
+/// Longer than this without another word, and somebody who reads a log wonders whether it goes on.
+const AGAIN: Duration = Duration::from_secs(10);
 
 static SHOWN: Mutex<Option<Shown>> = Mutex::new(None);
 static CHANGED: Condvar = Condvar::new();
@@ -25,11 +27,48 @@ static CHANGED: Condvar = Condvar::new();
 struct Shown {
     /// None where stderr is no terminal.
     bar: Option<ProgressBar>,
-    /// What goes on, since when, and whether that has been said.
-    now: Option<(String, Instant, bool)>,
+    /// What goes on.
+    now: Option<Piece>,
     began: Instant,
     /// Whether anything has been.
     told: bool,
+}
+
+/// A piece of work.
+struct Piece {
+    what: String,
+    since: Instant,
+    /// When it was last said.
+    said: Option<Instant>,
+    /// Parts that are done, and all.
+    share: Option<(u64, u64)>,
+}
+
+impl Piece {
+    fn new(what: String, since: Instant) -> Self {
+        Self {
+            what,
+            since,
+            said: None,
+            share: None,
+        }
+    }
+
+    /// As a line of a log.
+    fn line(&self, now: Instant) -> String {
+        let Self { what, share, .. } = self;
+        if self.said.is_none() {
+            return format!("{what} ..");
+        }
+        let seconds = now.saturating_duration_since(self.since).as_secs_f64();
+        match *share {
+            Some((done, of)) if of > 0 => {
+                let share = 100.0 * done as f64 / of as f64;
+                format!("{what}: {share:.0} % after {seconds:.0} s ..")
+            }
+            _ => format!("{what}: {seconds:.0} s so far .."),
+        }
+    }
 }
 
 fn shown() -> MutexGuard<'static, Option<Shown>> {
@@ -98,16 +137,19 @@ impl Shown {
             }
             return if left.is_zero() { LONG } else { left };
         }
-        let Some((what, since, said)) = self.now.as_mut().filter(|(_, _, said)| !said) else {
+        let Some(piece) = &mut self.now else {
             return LONG;
         };
-        let left = LONG.saturating_sub(now.saturating_duration_since(*since));
-        if !left.is_zero() {
-            return left;
+        let due = match piece.said {
+            None => piece.since + LONG,
+            Some(said) => said + AGAIN,
+        };
+        let left = due.saturating_duration_since(now);
+        if left.is_zero() {
+            note!("{}", piece.line(now));
+            (piece.said, self.told) = (Some(now), true);
         }
-        note!("{what} ..");
-        (*said, self.told) = (true, true);
-        LONG
+        if left.is_zero() { AGAIN } else { left }
     }
 }
 
@@ -137,10 +179,16 @@ impl<S: Subscriber> tracing_subscriber::Layer<S> for Layer {
                 bar.set_style(ProgressStyle::default_spinner());
                 bar.set_message(escaped(&what));
             }
-            shown.now = Some((what, Instant::now(), false));
+            shown.now = Some(Piece::new(what, Instant::now()));
             CHANGED.notify_all();
         }
-        if let (Some(bar), Some(done), Some(of)) = (&shown.bar, told.done, told.of) {
+        let (Some(done), Some(of)) = (told.done, told.of) else {
+            return;
+        };
+        if let Some(piece) = &mut shown.now {
+            piece.share = Some((done, of));
+        }
+        if let Some(bar) = &shown.bar {
             if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} {msg}") {
                 bar.set_style(style);
             }
@@ -186,7 +234,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_what_is_long_is_told_and_that_once() {
+    fn only_what_is_long_is_told_and_again_every_ten_seconds() {
         let began = Instant::now();
         let mut shown = Shown {
             bar: None,
@@ -196,14 +244,26 @@ mod tests {
         };
         assert_eq!(shown.tell(began + 5 * LONG), LONG);
         assert!(!shown.told);
-        shown.now = Some(("factoring".to_owned(), began, false));
+        shown.now = Some(Piece::new("factoring".to_owned(), began));
         assert_eq!(shown.tell(began + LONG / 4), 3 * LONG / 4);
         assert!(!shown.told);
-        shown.tell(began + LONG);
+        assert_eq!(shown.tell(began + LONG), AGAIN);
         assert!(shown.told);
-        assert!(shown.now.as_ref().is_some_and(|(_, _, said)| *said));
         shown.told = false;
-        assert_eq!(shown.tell(began + 2 * LONG), LONG);
+        assert_eq!(shown.tell(began + 2 * LONG), AGAIN - LONG);
         assert!(!shown.told);
+        assert_eq!(shown.tell(began + LONG + AGAIN), AGAIN);
+        assert!(shown.told);
+    }
+
+    #[test]
+    fn a_line_says_the_share_where_it_is_known() {
+        let began = Instant::now();
+        let mut piece = Piece::new("factoring".to_owned(), began);
+        assert_eq!(piece.line(began + LONG), "factoring ..");
+        piece.said = Some(began + LONG);
+        assert_eq!(piece.line(began + AGAIN), "factoring: 10 s so far ..");
+        piece.share = Some((3, 4));
+        assert_eq!(piece.line(began + AGAIN), "factoring: 75 % after 10 s ..");
     }
 }

@@ -5,6 +5,7 @@
 
 use super::{Effort, Plan, Progress, SceneSolver, Solve, SolveError, Solved, Spared, run_lockstep};
 use crate::contact::shape::Solid;
+use crate::fem::TissueError;
 use crate::link::LockstepConsole;
 use crate::mesh::Surface;
 use crate::scene::Scene;
@@ -80,10 +81,6 @@ pub fn overfull(
     if !scene.has_rows() || most_near(scene, &surface, plan.seconds) <= MOST_CONTACTS {
         return Ok(None);
     }
-    work::begin(
-        "following the session, whose tools come near many vertices",
-        || scene.name.clone(),
-    );
     let is_full = Arc::new(AtomicBool::new(false));
     let mut watched = Watched {
         solver: SceneSolver::for_session(scene, &plan)?,
@@ -91,12 +88,25 @@ pub fn overfull(
         full: None,
         is_full: is_full.clone(),
     };
-    let stops = |_: &Progress<'_>| match is_full.load(Ordering::Relaxed) {
-        true => ControlFlow::Break(()),
-        false => ControlFlow::Continue(()),
+    work::begin(
+        "following the session, whose tools come near many vertices",
+        || scene.name.clone(),
+    );
+    let stops = |progress: &Progress<'_>| {
+        work::part(
+            (1e3 * progress.elapsed_s) as usize,
+            (1e3 * progress.seconds) as usize,
+        );
+        match is_full.load(Ordering::Relaxed) || work::is_stopped() {
+            true => ControlFlow::Break(()),
+            false => ControlFlow::Continue(()),
+        }
     };
     // What else ends it is for the session to say.
     let _ = run_lockstep(console, &plan, &mut watched, stops);
+    if watched.full.is_none() && work::is_stopped() {
+        return Err(TissueError::Stopped.into());
+    }
     Ok(watched.full.map(|(time_us, samples)| Overfull {
         time_s: 1e-6 * time_us as f64,
         vertices: near(scene, &surface, &samples, |_| 0.0).max(MOST_CONTACTS + 1),

@@ -4,6 +4,7 @@
 
 use super::super::SolveError;
 use crate::contact::shape::Solid;
+use crate::fem::TissueError;
 use crate::model::Model;
 use crate::scene::{Pose, Scene, SceneError};
 use crate::script::{Fall, Path, at_rest, gap_at_rest, outside};
@@ -180,7 +181,10 @@ impl Constrained {
                 }
                 stuck => return Err(SolveError::NoRest(stuck)),
             }
-            if passes > MOST_PASSES || work::is_stopped() {
+            if work::is_stopped() {
+                return Err(TissueError::Stopped.into());
+            }
+            if passes > MOST_PASSES {
                 return Err(SolveError::NoRest(Status::NotConverged));
             }
         }
