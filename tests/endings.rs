@@ -50,7 +50,7 @@ way_point = [{{ time_s = 0.0, position_m = [0.0, 0.0, 0.037] }}, {{ time_s = 0.3
     )
 }
 
-/// What `sutura run --lockstep --format json` comes to with this scene: code, summary, stderr.
+/// Exit code, summary and stderr of `sutura run --lockstep --format json` with this scene.
 fn run(folder: &Path, scene: &str, more: &[&str]) -> (i32, Value, String) {
     std::fs::write(folder.join("scene.toml"), scene).unwrap();
     let line = ["run", "scene.toml", "--lockstep", "--format", "json"];
@@ -108,7 +108,7 @@ fn tissue_that_nobody_feels_is_no_success() {
         assert!(summary["contact_steps"].as_u64() > Some(25));
         assert!(stderr.contains("is the modulus in Pa?"), "{stderr}");
     }
-    // Where nothing was touched nothing is too soft.
+    // Nothing is too soft if nothing was touched.
     let away = press(12.0, "cartesian-bench").replace("0.037]", "0.05]");
     let away = away.replace("0.028]", "0.045]");
     let (code, summary, stderr) = run(folder.path(), &away, &[]);
@@ -185,10 +185,10 @@ way_point = [
     let (code, summary, stderr) = run(folder.path(), scene, &[]);
     let felt_n = summary["force_n"]["peak"].as_f64().unwrap();
     let solved_n = summary["force_n"]["solved_peak"].as_f64().unwrap();
-    // What a frame foretells of the hand's way until the next one is left.
+    // The extrapolation from a frame along the hand's path is left.
     assert!(felt_n <= solved_n + 0.2, "{felt_n} of {solved_n} N");
     assert!(summary["steps_outrun"].as_u64() > Some(50), "{summary}");
-    // Where nothing at all is felt it is the lag that is wrong.
+    // If nothing at all is felt, the lag is the reason.
     let words = ["untouched", "behind"];
     assert!(code == 8 && words.contains(&word(&summary)), "{stderr}");
 }

@@ -110,7 +110,7 @@ fn a_full_disk_takes_no_summary() {
     assert_eq!(summary["status"], "failed", "{}", grown.stdout);
 }
 
-/// What a disk has no room for is no bad input, whoever writes it; a folder that is not there is.
+/// A full disk is no bad input, whoever writes; a missing folder is.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_full_disk_is_a_failure_of_every_writer() {
@@ -245,7 +245,7 @@ fn only_plain_files_are_read() {
     ] {
         let make = |name: &str| {
             let place = at.join(name);
-            // What a scene names is there already.
+            // The files that a scene names exist already.
             let _ = std::fs::remove_file(&place);
             match kind {
                 "pipe" => {
@@ -309,7 +309,7 @@ fn only_plain_files_are_read() {
     assert!(ran.stderr.contains("at most 67108864"), "{}", ran.stderr);
 }
 
-/// What steers a terminal, in names that come from elsewhere: a title, a clear screen, a bell, the same in one letter of C1.
+/// Terminal escapes in foreign names: a title, a clear screen, a bell, the same in one character of C1.
 const STEERS: &str = "\u{1b}]0;title\u{7}\u{1b}[2J\u{9b}31m";
 
 fn steers_nothing(ran: &crate::support::Ran, line: &[&str]) {

@@ -314,7 +314,7 @@ fn a_changed_contact_is_found_where_it_was_heard_and_where_it_was_solved() {
     assert_eq!(host.diverged_at, Some((time_us / 1000) as u32));
 }
 
-/// Of the last seconds of a session what needs no past is compared: all ticks where its opening is in the file, else their poses;
+/// A recording of the last seconds is compared as far as it needs no past: all ticks if its opening is in the file, else their poses;
 /// of solves the contacts that went down.
 #[test]
 fn the_last_seconds_are_compared_as_far_as_they_go() {
@@ -331,7 +331,7 @@ fn the_last_seconds_are_compared_as_far_as_they_go() {
         "{host:?}"
     );
 
-    // What opened it is gone.
+    // Its opening is gone.
     let opens = |frame: &Frame| {
         look(frame).is_some_and(|(.., state)| state.is_some_and(|state| state.tick == 400))
     };
@@ -991,7 +991,7 @@ fn what_a_file_of_the_last_seconds_cannot_give_is_said_at_once() {
     }
     assert!(!Path::new(&png).exists() && !Path::new(&series).exists());
 
-    // Of a whole one there is no picture of after its end.
+    // A whole recording has no picture after its end.
     for at in ["8", "0.51", "-1", "nan"] {
         let ran = sutura(&["view", &whole, "--shot", &png, &format!("--at={at}")]);
         assert_eq!(ran.code, 2, "{at}: {}", ran.stderr);

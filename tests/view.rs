@@ -559,7 +559,7 @@ fn a_page_stops_and_arms_a_session_in_real_time() {
     let (_, said) = running.stop();
     let said: Value = serde_json::from_str(&said).unwrap();
     assert!(said["rearmed"].as_u64().unwrap() >= 1, "{said}");
-    // Who stopped it is known, and that nobody armed it since.
+    // The summary names the person who stopped it, and that nobody armed it since.
     let stops = said["safe_stops"].as_array().unwrap();
     let by_a_page = |stop: &Value| stop["by"].as_str().unwrap().starts_with("page ");
     assert!(stops.len() == 2 && stops.iter().all(by_a_page), "{said}");

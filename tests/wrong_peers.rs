@@ -289,7 +289,7 @@ fn sent(session: u32, sequence: u32, state: &State) -> Vec<u8> {
     frame[..length].to_vec()
 }
 
-/// What a peer sends in the n-th millisecond of a session.
+/// Bytes that a peer sends in the n-th millisecond of a session.
 type Sends = fn(session: u32, turn: u32) -> Vec<u8>;
 
 /// Peers that open a session and send no state that can be used, and the word of the reason.
@@ -449,7 +449,7 @@ fn a_peer_without_a_state_that_can_be_used_is_named_with_the_reason() {
     });
 }
 
-/// Who no longer wants to wait for a first state is heard before there is one.
+/// Ctrl-C is heard before a first state has come.
 #[test]
 fn a_session_is_stopped_before_its_first_state() {
     for again in [false, true] {

@@ -214,7 +214,7 @@ fn run(
             console.feed(&chunk[..count]);
         }
         console.tick(pace);
-        // Who reads it does so seldom; then the next tick says it.
+        // A reader that comes at the wrong moment sees it one tick later.
         if let Some(Ok(mut limited)) = own.as_ref().map(|(_, limited)| limited.try_lock()) {
             *limited = console.control().ticks_limited();
         }

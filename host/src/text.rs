@@ -58,7 +58,7 @@ pub fn escaped(text: &str) -> String {
     with_steering(text, |letter, shown| shown.extend(letter.escape_default()))
 }
 
-/// As [`escaped`], of a text in JSON: the letters are written out as JSON has them, and the values stay.
+/// Escapes a text in JSON: control characters become JSON escapes, and the values stay the same.
 pub fn escaped_json(text: &str) -> String {
     with_steering(text, |letter, shown| {
         *shown += &format!("\\u{:04x}", u32::from(letter));
@@ -76,7 +76,7 @@ fn with_steering(text: &str, write: impl Fn(char, &mut String)) -> String {
     shown
 }
 
-/// As [`escaped`]; lines without end are cut after [`MOST_LETTERS`].
+/// Escapes as [`escaped`] does, and cuts after [`MOST_LETTERS`].
 pub fn harmless(text: &str) -> String {
     let lines = text.split('\n').map(|line| {
         let end = line.char_indices().nth(MOST_LETTERS);

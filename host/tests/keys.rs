@@ -129,7 +129,7 @@ impl LockstepConsole for Console {
     }
 }
 
-/// Where the grip was when the solver's force was largest, and that force \[N\]; what the console rendered at most, too.
+/// Grip position at the solver's largest force, that force \[N\], and the largest rendered force \[N\].
 struct Peak {
     position_m: [f64; 3],
     force_n: f64,

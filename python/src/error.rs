@@ -143,7 +143,7 @@ pub const STACK: usize = 8 << 20;
 /// ends at its next [stage](sutura_host::work::stop_with).
 ///
 /// # Errors
-/// What Ctrl-C raises; no thread.
+/// Runs until Ctrl-C without a thread.
 pub fn apart<T: Send + 'static>(
     py: Python<'_>,
     work: impl FnOnce() -> T + Send + 'static,

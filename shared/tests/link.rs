@@ -529,7 +529,7 @@ fn the_host_refuses_a_console_that_does_not_fit() {
     }
 }
 
-/// What the console says of itself is checked, and why it cannot be used is known until the next question.
+/// The console's description is checked, and the reason against it is kept until the next question.
 #[test]
 fn an_answer_that_cannot_be_used_says_why() {
     let answer = Hello {
@@ -546,7 +546,7 @@ fn an_answer_that_cannot_be_used_says_why() {
     hello(&mut host, 5);
     assert_eq!(host.unusable_answer(), None);
     assert_eq!(hear(&mut host, &frame(0, 0, 0, &answer)), []);
-    // What else is refused meanwhile changes nothing: the console takes the session for open.
+    // Other refusals meanwhile change nothing: the console takes the session for open.
     assert_eq!(hear(&mut host, &forge(&[PROTOCOL_VERSION, 2, 3])), []);
     let mismatch = host.unusable_answer().unwrap();
     assert_eq!(mismatch, Mismatch::Unusable(Reject::Name));

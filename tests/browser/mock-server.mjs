@@ -138,7 +138,7 @@ class Mock {
     /** Solves and latency by the clock on the wall. */
     this.wall = { wall_hz: 249.6, wall_latency_us: { p50: 5200, p99: 6100 } };
     this.realSpeed = 0.99;
-    /** Of a recording, pictures are there up to here [s]. */
+    /** End of a recording's pictures [s]. */
     this.ready = 5;
     this.at = null;
   }

@@ -66,9 +66,9 @@ pub enum LinkError {
     NoAnswer {
         /// The port.
         name: String,
-        /// How long the host waited.
+        /// Time that the host waited.
         waited: Duration,
-        /// What came instead.
+        /// States that came instead, in words.
         heard: String,
     },
     /// Somebody answered the handshake, and no state came that a session can use.
@@ -76,9 +76,9 @@ pub enum LinkError {
     NoStates {
         /// The port.
         name: String,
-        /// How long the host waited.
+        /// Time that the host waited.
         waited: Duration,
-        /// What came instead.
+        /// States that came instead, in words.
         heard: String,
         /// Whether frames came, and were refused.
         refused: bool,

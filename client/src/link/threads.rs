@@ -167,7 +167,7 @@ struct Shared {
     /// Why the writer could not.
     unwritten: Mutex<Option<LinkError>>,
     status: Mutex<Status>,
-    /// What came since the last state that counted.
+    /// States since the last one that could be used.
     unusable: Mutex<Unusable>,
     /// Ticks between two states, as the console was told in this session.
     state_every: AtomicU16,

@@ -81,7 +81,7 @@ impl Operator {
             .to_owned()
     }
 
-    /// What somebody at the terminal does to arm the console, in words; none where nobody is asked.
+    /// Words for arming the console from the terminal; none where nobody is asked.
     fn by_hand(&mut self) -> Option<&'static str> {
         self.listen();
         match &self.lines {

@@ -520,7 +520,7 @@ mod tests {
         });
     }
 
-    /// Who says for ever that it is busy, or finds something new for ever, is not waited for.
+    /// Bounds the wait for a console that stays busy, or reports something new, for ever.
     #[test]
     fn a_self_test_without_an_end_is_given_up() {
         for said in [

@@ -546,7 +546,7 @@ fn added(summary: &Summary) -> Vec<(&str, String)> {
     said.collect()
 }
 
-/// What the device's limits took away, if anything.
+/// Words for the ticks that the device's limits changed, if any.
 pub fn limited(ticks: &LimitedTicks) -> Option<String> {
     let counts = [
         ("force", Some(ticks.force)),

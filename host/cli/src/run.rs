@@ -698,7 +698,7 @@ fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
 const LIMITED_HELP: &str =
     "`ticks_limited` counts the ticks by limit; press less deep, or take a device with more force";
 
-/// What is wrong with a session whose forces cannot be trusted, and what to do.
+/// Describes a session whose forces cannot be trusted, and says the next step.
 fn distrust(kind: EndingKind, summary: &Summary) -> (String, &'static str) {
     let why = &summary.ending.why;
     match kind {

@@ -27,7 +27,7 @@ static CHANGED: Condvar = Condvar::new();
 struct Shown {
     /// None where stderr is no terminal.
     bar: Option<ProgressBar>,
-    /// What goes on.
+    /// Piece of work that goes on.
     now: Option<Piece>,
     began: Instant,
     /// Whether anything has been.
@@ -38,7 +38,7 @@ struct Shown {
 struct Piece {
     what: String,
     since: Instant,
-    /// When it was last said.
+    /// Time of the last line about it.
     said: Option<Instant>,
     /// Parts that are done, and all.
     share: Option<(u64, u64)>,
@@ -54,7 +54,7 @@ impl Piece {
         }
     }
 
-    /// As a line of a log.
+    /// Returns a line of a log.
     fn line(&self, now: Instant) -> String {
         let Self { what, share, .. } = self;
         if self.said.is_none() {

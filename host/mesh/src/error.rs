@@ -139,7 +139,7 @@ pub enum MeshError {
     Unpacked {
         /// The array with which they are too many.
         at: Place,
-        /// How many bytes are taken at most, 8 for each number.
+        /// Largest number of bytes that are read, 8 for each number.
         most: u64,
     },
     /// A section that must be there is not.

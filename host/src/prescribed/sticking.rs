@@ -298,7 +298,7 @@ impl Sticking {
         Some((gap, -touch.normal, node))
     }
 
-    /// What a tool with its grip there feels of fixed nodes.
+    /// Returns the wrench of fixed nodes on a tool with its grip there.
     pub fn wall(&self, solid: &Solid, grip: &Vector3<f64>) -> Wall {
         let mut wall = Wall::default();
         for node in &self.walls {

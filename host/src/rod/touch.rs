@@ -195,7 +195,7 @@ impl Balance<'_> {
             .any(|(node, _)| !numbering.is_fixed(*node))
     }
 
-    /// How far a rod that presses on a prescribed point with `force` \[N\] goes beyond that \[m\]; nothing for a point that can
+    /// Penetration of a rod that presses on a prescribed point with `force` \[N\] \[m\]; zero for a point that can
     /// move.
     fn stretch_m(&self, at: &AnchorPoint, force: &Vector3<f64>) -> Option<Vector3<f64>> {
         (!self.gives(at)).then(|| force * WALL_M_PER_N)

@@ -174,7 +174,7 @@ fn read_name(document: &Document, said: &Spanned<String>) -> Result<[u8; 16], Sc
         return Err(document.flaw(said.span(), message, "1 to 16 bytes", Some(help)));
     }
     name[..written.len()].copy_from_slice(written);
-    // What zeros at its end would stand for is gone on the wire.
+    // Zeros at its end are lost on the wire.
     if validate::name(&name) != Ok(text) {
         let message = format!(
             "name `{}`: must have no control characters",
@@ -186,11 +186,11 @@ fn read_name(document: &Document, said: &Spanned<String>) -> Result<[u8; 16], Sc
     Ok(name)
 }
 
-/// What no console can compute with, at its key.
+/// Refuses, at its key, a value that no console can compute with.
 fn unusable(document: &Document, file: &DeviceFile, error: DeviceError) -> SceneError {
     let keys = keys(file);
     let is_it = |key: &&Key| key.field == error.field && key.joint == error.joint;
-    // What is said of all joints together stands at the first.
+    // A message about all joints together stands at the first.
     let first = |key: &&Key| key.field == error.field;
     let found = keys.iter().find(is_it).or(keys.iter().find(first));
     let (name, value, span) = match found {
@@ -497,7 +497,7 @@ mod tests {
         assert!(help.contains("did you mean `coulomb_n`"), "{help}");
     }
 
-    /// What a console refuses of a name is refused at the key, and said without steering a terminal.
+    /// A name that a console refuses is refused at its key, in a message without terminal escapes.
     #[test]
     fn names_that_a_console_refuses_are_refused_at_the_key() {
         let text = built_in("cartesian-bench");

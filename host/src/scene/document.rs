@@ -273,7 +273,7 @@ impl Document {
     /// Reads a plain file of at most `most` bytes at a [resolved](Self::resolve) path.
     ///
     /// # Errors
-    /// As of [`read_plain`].
+    /// The same as [`read_plain`]'s.
     pub fn file(&self, path: &Path, most: u64) -> io::Result<Vec<u8>> {
         let key = self.key(path);
         match &self.files {

@@ -153,7 +153,7 @@ fn beyond_speed(document: &Document, section: &HandSection, device: &Device) -> 
         let [from_m, to_m] = [from, to].map(|point| Vector3::from(*point.position_m.get_ref()));
         let way_m = from_m.metric_distance(&to_m);
         let length_s = to.time_s.get_ref() - from.time_s.get_ref();
-        // What the limits leave for it \[s\], and whose limit that is.
+        // Least duration under the limits \[s\], and the limit that sets it.
         let needed_s = PEAK_SPEED * way_m / most;
         let joint = slowest_joint(device, &from_m, &to_m);
         let joint = joint.filter(|(_, joint_s)| *joint_s > needed_s && *joint_s > length_s);
@@ -247,7 +247,7 @@ pub fn joints_at(kinematics: &Kinematics, position: [f64; 3]) -> Option<[f32; JO
             [y.atan2(x) as f32, shoulder as f32, elbow as f32]
         }
     };
-    // Where a hand begins is said joint by joint.
+    // The hand's first position is given joint by joint.
     let is_said = |q: &f32| q.abs() <= MAX_POSITION;
     joints.iter().all(is_said).then_some(joints)
 }

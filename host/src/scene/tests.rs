@@ -402,7 +402,7 @@ fn a_small_tool_says_its_error_at_its_radius() {
     assert_eq!(&underlined(warning, "0.01"), "0.01");
 }
 
-/// What was not measured has no measured error.
+/// Sizes that were not measured have no measured error.
 #[test]
 fn below_half_an_edge_nothing_was_measured() {
     for radius in ["0.0", "0.005"] {
@@ -895,7 +895,7 @@ const SLIPS: &[Slip] = &[
     },
 ];
 
-/// What is allowed but cannot be meant, by an edit of the good scene: what is said, and at which place.
+/// Values that are allowed but unlikely, by an edit of the good scene: the warning and its place.
 const DOUBTS: &[Slip] = &[
     Slip {
         from: "youngs_modulus_pa = 15e3",

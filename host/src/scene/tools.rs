@@ -268,7 +268,7 @@ impl Edges {
     }
 }
 
-/// Where a tool is said to come: along the hand's path or its script, or where it is held.
+/// Positions that a scene gives a tool: along the hand's path or its script, or its held pose.
 fn poses(hand: Option<&HandScript>, way: Option<&Way>, pose: Option<&Pose>) -> Vec<Pose> {
     let rest = pose.map_or([0.0, 0.0, 0.0, 1.0], |pose| pose.orientation);
     let used = hand.and_then(|hand| hand.way_points.get(..usize::from(hand.count)));
@@ -303,7 +303,7 @@ fn poses(hand: Option<&HandScript>, way: Option<&Way>, pose: Option<&Pose>) -> V
 fn small_tool(document: &Document, at: Range<usize>, shape: &Shape, edges: &Edges) -> Option<Flaw> {
     let (edge_m, radius_m) = (edges.near_m, shape.radius_m());
     let in_edges = radius_m / edge_m;
-    // What the solver takes it for.
+    // Radius that the solver uses.
     let counts_m = shape.at_least(edges.mean_m).radius_m();
     if counts_m > radius_m && in_edges >= LEAST_RADIUS_IN_EDGES {
         let message = format!(

@@ -171,7 +171,7 @@ pub(super) fn of_tools(
     large.collect()
 }
 
-/// What a length may be \[m\]: beyond that it is hardly meant in metres.
+/// Range of a length \[m\]; a value outside is hardly meant in metres.
 struct Limits {
     what: &'static str,
     least_m: f64,
@@ -193,7 +193,7 @@ impl Limits {
         (least..=most).contains(&length_m)
     }
 
-    /// What is unlikely of a key that says so, and what to do, in words; none for what is likely.
+    /// Returns a warning and the next step for an unlikely value; none for a likely one.
     fn hint(&self, key: &str, length_m: f64) -> Option<(String, String)> {
         if self.has(length_m) || !length_m.is_finite() {
             return None;
@@ -222,9 +222,9 @@ impl Limits {
 
 /// Along a tool, a needle, a thread or pads, and how far a grip reaches: none is longer than a person.
 const LONG: Limits = Limits::new("a length of", 1e-4, SIZES_M[0]);
-/// Of a bar: from a wire to an arm.
+/// Radius of a bar: from a wire to an arm.
 const BAR_RADIUS: Limits = Limits::new("a bar with a radius of", 5e-5, 0.05);
-/// Of an arc: from the least needle for vessels on.
+/// Radius of an arc: from the smallest vascular needle on.
 const ARC_RADIUS: Limits = Limits::new("a circle with a radius of", 1e-4, SIZES_M[0]);
 /// From the needles of surgery under a microscope to cannulas.
 const NEEDLE: Limits = Limits::new("a needle with a diameter of", 1e-5, 5e-3);
@@ -244,7 +244,7 @@ pub(super) fn of_lengths(document: &Document, file: &SceneFile) -> Vec<Flaw> {
         warned.extend(hint.map(flaw));
     };
     let mut number = |limits: &Limits, key: &str, said: Option<&Spanned<f64>>| {
-        // What may be left at nothing has no size.
+        // Zero is a value of its own for these keys, not a size.
         if let Some(said) = said.filter(|said| *said.get_ref() != 0.0) {
             look(limits, key, said.span(), *said.get_ref());
         }
@@ -371,7 +371,7 @@ pub(super) fn of_places(document: &Document, file: &SceneFile, mesh: &TetMesh) -
     warned
 }
 
-/// What soft tissue has at most and at least \[Pa\]: below the latter, fat and brain have some hundred, nothing is felt.
+/// Young's moduli of the stiffest and the softest tissue \[Pa\]. Fat and brain have some hundred; softer tissue is not felt.
 const SOFT_PA: [f64; 2] = [1e6, 100.0];
 
 /// A warning of tissue that gives way to everything.

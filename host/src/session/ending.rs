@@ -56,10 +56,10 @@ impl EndingKind {
     }
 }
 
-/// How a session ended.
+/// Ways in which a session can end.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Ending {
-    /// Of several the gravest.
+    /// Returns the gravest of several.
     pub kind: EndingKind,
     /// In words; empty where all is well.
     pub why: String,

@@ -36,7 +36,7 @@ struct Line<'a> {
     up: Vec<u8>,
     newest_us: u64,
     exchanges: u32,
-    /// What came since the last state that counted.
+    /// States since the last one that could be used.
     unusable: Unusable,
     /// Down and up.
     bytes: (u64, u64),
@@ -48,7 +48,7 @@ impl Line<'_> {
         sent.map_err(|source| self.unsendable(source))
     }
 
-    /// What the console has counted of its limits, if it can be asked.
+    /// The console's counts of limited ticks, if it can be asked.
     fn count_limits(&self, tally: &mut Statistics) {
         if let Some(limited) = self.console.ticks_limited() {
             tally.counted(limited);
@@ -140,7 +140,7 @@ pub trait Steer {
     /// stands still meanwhile; may end the session.
     fn steer(&mut self, now: &Steered<'_>, orders: &mut Vec<Order>) -> ControlFlow<()>;
 
-    /// Who gave the newest orders, in words for a summary.
+    /// Name of the person who gave the newest orders, for a summary.
     fn person(&self) -> String {
         SOMEBODY.to_owned()
     }

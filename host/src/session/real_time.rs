@@ -69,7 +69,7 @@ pub trait Attendant {
     /// It rests, since `person` asked for a safe stop.
     fn stopped(&mut self, _person: &str) {}
 
-    /// Who gave the newest order, in words for a summary.
+    /// Name of the person who gave the newest order, for a summary.
     fn person(&self) -> String {
         SOMEBODY.to_owned()
     }

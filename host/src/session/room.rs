@@ -59,7 +59,7 @@ impl fmt::Display for Overfull {
 }
 
 impl Overfull {
-    /// What helps.
+    /// The next step, in words.
     pub const HELP: &str = "take a coarser mesh or a smaller tool, or press less deep: a session withholds such steps (`too-many-rows`)";
 }
 
@@ -67,7 +67,7 @@ impl Overfull {
 /// ends before its time for other reasons is judged as far as it came.
 ///
 /// # Errors
-/// What [`SceneSolver::for_session`] refuses.
+/// The same as [`SceneSolver::for_session`]'s.
 pub fn overfull(
     scene: &Scene,
     plan: &Plan,
@@ -102,7 +102,7 @@ pub fn overfull(
             false => ControlFlow::Continue(()),
         }
     };
-    // What else ends it is for the session to say.
+    // The session itself reports any other end.
     let _ = run_lockstep(console, &plan, &mut watched, stops);
     if watched.full.is_none() && work::is_stopped() {
         return Err(TissueError::Stopped.into());

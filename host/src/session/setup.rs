@@ -120,7 +120,7 @@ pub enum SessionError {
     Silent {
         /// How long the host waited \[s\].
         waited_s: f64,
-        /// What came instead.
+        /// States that came instead, in words.
         heard: String,
     },
 }

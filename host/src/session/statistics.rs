@@ -529,7 +529,7 @@ impl Statistics {
         })
     }
 
-    /// What the device's limits took away, if that was much.
+    /// Ticks that the device's limits changed, if there were many.
     fn cut_off(&self) -> Option<String> {
         let ticks = self.limited();
         let power = ticks.power.filter(|power| *power > 0);
@@ -544,7 +544,7 @@ impl Statistics {
         })
     }
 
-    /// How the session ended, by the console's mode and faults at its end.
+    /// The session's ending, by the console's mode and faults at its end.
     fn ending(&self, mode: Mode, faults: &[String]) -> Ending {
         let inside = || {
             let steps = self.inside_steps;
@@ -901,7 +901,7 @@ mod tests {
         tally.summary(&LinkCounters::default(), 1000).status
     }
 
-    /// What the word of a session is, for every way in which it is not `ok`, and that little of each passes.
+    /// Each way not to be `ok` has its status word, and a little of each passes.
     #[test]
     fn a_few_steps_of_a_kind_say_nothing_but_inside() {
         let ended = |change: &dyn Fn(&mut Statistics)| {

@@ -133,7 +133,7 @@ pub struct LinkSummary {
 pub struct SafeStop {
     /// Session time at which it was asked for \[s\].
     pub at_s: f64,
-    /// Who asked: a page by its number, or the terminal.
+    /// Name of the person who asked: a page by its number, or the terminal.
     pub by: String,
 }
 

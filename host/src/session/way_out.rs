@@ -25,7 +25,7 @@ pub struct WayOut {
 }
 
 impl WayOut {
-    /// Of a scene whose nodes rest at `points_m` (n x 3); none where the console's grip carries nothing that touches.
+    /// Builds it for a scene whose nodes rest at `points_m` (n x 3); none if the console's grip carries nothing that touches.
     pub fn of(scene: &Scene, points_m: &[[f64; 3]]) -> Option<Self> {
         let tool = scene.driven()?.shape.clone();
         if tool.is_grip() || points_m.len() != scene.mesh.points_m().len() {

@@ -80,7 +80,7 @@ fn jump(model: &Model, balance: &mut Balance, ends: &Targets, share: f64) -> Sta
     }
 }
 
-/// Where a way ends with this status, unless a tool is in the tissue there.
+/// Ends a way with this status, unless a tool is in the tissue there.
 fn ended(model: &Model, balance: &mut Balance, status: Status) -> Status {
     match balance.slipped_in(model, true) {
         Some(_) => Status::Inside,

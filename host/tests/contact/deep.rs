@@ -13,7 +13,7 @@ use sutura_testkit::full;
 
 const HZ: f64 = 200.0;
 const DEEPEST_M: f64 = 0.025;
-/// What a force may fall by on the way in, as a share and \[N\].
+/// Largest fall of a force on the way in, as a share and \[N\].
 const FALL: (f64, f64) = (0.02, 0.03);
 /// Over the slab's middle, on a vertex, on an edge, inside a triangle, near a side, near a corner, and two between these \[m\].
 const PLACES_M: [[f64; 2]; 8] = [
@@ -119,7 +119,7 @@ fn a_ball_that_is_dragged_deep_is_pushed_out_or_said_to_be_inside() {
     assert!(words > 100, "{words}");
 }
 
-/// What a hand comes to first: with friction a ball goes in by more than its radius, and nothing is wrong with that.
+/// A ball with friction goes in by more than its radius, and nothing is wrong with that.
 #[test]
 fn a_ball_with_friction_goes_deeper_than_its_radius() {
     let scene = scene("linear", "radius_m = 0.014\nfriction = 0.1", [20, 20, 8]);

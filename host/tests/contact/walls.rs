@@ -102,7 +102,7 @@ fn a_plate_slides_over_a_wall_at_mu_times_its_normal_force() {
     }
 }
 
-/// How a wrench follows a ball that rubs, sticking and slipping, against steps from the same state.
+/// Compares the tangent of a ball that rubs, sticking and slipping, with steps from the same state.
 #[test]
 fn the_tangent_of_a_ball_that_rubs_on_a_wall_is_that_of_whole_steps() {
     for (way_m, slips) in [(2e-6, false), (3e-4, true)] {
@@ -332,7 +332,7 @@ fn what_is_held_stops_tools_on_models_that_they_stick_to() {
     }
 }
 
-/// What all that is fixed does to the tissue, and what tools do, is nothing together: also where constraints act on nodes that are
+/// Reactions and tool forces sum to zero, also if constraints act on nodes that are
 /// fixed.
 #[test]
 fn forces_on_tissue_sum_to_zero_with_what_is_fixed() {
@@ -378,7 +378,7 @@ fn solve_and_steps_say_the_same_of_a_wall() {
         let report = hand.step([0.001, 0.002, -0.0003]);
         let felt = force(&report.contacts()[0]);
         let solved = -Vector3::from(solution.tools[0].force_n);
-        // Where a bar touches along its length both follow as long as it takes, and not to the same end.
+        // A bar that touches along its length slips along a path, and both do not end alike.
         let most = if shape.contains("body") { 0.01 } else { 1e-3 };
         assert!(felt.z > 0.5, "{shape}: {felt}");
         assert!(

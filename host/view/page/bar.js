@@ -114,7 +114,7 @@ export class Bar {
   setGauges(gauges) {
     const pair = (/** @type {import('./link.js').Percentiles | undefined} */ both) =>
       both ? `${fixed(both.p50 / 1000, 1)} / ${fixed(both.p99 / 1000, 1)}` : '–';
-    // Where the session is slower than the clock on the wall, that clock is the one that a person waits by.
+    // A session slower than the wall clock is shown by the wall clock: a person waits by that.
     const slow = !gauges.paused && gauges.speed !== null && gauges.speed < SLOW && gauges.wall_hz !== undefined;
     this.set('latency', pair(slow ? gauges.wall_latency_us : gauges.latency_us.now), 'ms');
     this.set('step', pair(gauges.step_us.now), 'ms');

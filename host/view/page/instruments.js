@@ -35,7 +35,7 @@ export class Instruments {
     this.xray = false;
     /** @type {Map<number, {mesh: THREE.Object3D, offset: THREE.Vector3}>} */
     this.tools = new Map();
-    /** Of the driven tool, if it has a surface. @type {Outline | null} */
+    /** Outline of the driven tool, if it has a surface. @type {Outline | null} */
     this.outline = null;
     /** Whether the driven tool is in the tissue. */
     this.inside = false;

@@ -98,7 +98,7 @@ class Page {
     this.colouring.tissue = this.tissue;
     this.saving.setView(this.view);
     this.drag.addEventListener('target', (event) => {
-      // Where the host takes no target, the probe is held no longer.
+      // Lets go of the probe if the host takes no target.
       this.link.ask({ do: 'drag', to_m: /** @type {CustomEvent} */ (event).detail }).catch((error) => {
         this.letGo();
         this.tellRefused(error);

@@ -67,7 +67,7 @@ export class Slipped {
     const gone = this.since === null && this.tooDeep && this.mode === 'idle' && driven !== undefined && driven.shape !== 'grip';
     const [strong, rest] = this.box.querySelectorAll('strong, span');
     const words = gone ? `The ${name} is pressed in so deep that no balance is found.` : `The ${name} has slipped into the tissue.`;
-    // What has not changed is not written again, or it would be read aloud again.
+    // Writes changes alone: a screen reader would read the same words again.
     if (strong.textContent !== words) strong.textContent = words;
     const help = `Press less deep, or give the tool friction.${this.button.hidden ? ' Take it out, then arm.' : ''}`;
     if (rest.textContent !== help) rest.textContent = help;

@@ -95,7 +95,7 @@ impl Redirect {
         Ok(Self(path))
     }
 
-    /// Where it is.
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.0
     }

@@ -232,7 +232,7 @@ fn listen(options: &Options) -> Result<TcpListener, ViewError> {
     })
 }
 
-/// Who is at the other end of a connection.
+/// Peer of a connection.
 #[derive(Clone)]
 struct Peer {
     address: SocketAddr,

@@ -54,7 +54,7 @@ pub struct Reply {
 }
 
 impl Reply {
-    /// Who asks, in words: a page by its number, or the terminal of this program.
+    /// Name of the person who asks: a page by its number, or the terminal of this program.
     pub fn person(&self) -> String {
         let state = self.shared.lock();
         match state.clients.get(&self.client) {
@@ -73,7 +73,7 @@ impl Reply {
         self.give(json!({"re": self.id, "error": {"message": message, "help": help}}));
     }
 
-    /// Who asks, in words.
+    /// Name of the person who asks.
     pub fn asker(&self) -> &'static str {
         let state = self.shared.lock();
         match state.clients.get(&self.client) {
@@ -147,11 +147,11 @@ pub enum Next {
 struct Client {
     wake: Arc<Notify>,
     may_control: bool,
-    /// What it has of the session; `None`: it has to be greeted.
+    /// Parts of the session that it has; `None`: it has to be greeted.
     version: Option<u64>,
-    /// Of which session it knows the beginning; 0: of none.
+    /// Number of the session whose hello it has; 0: none.
     session: u32,
-    /// Of which session it has the geometry; 0: of none.
+    /// Number of the session whose geometry it has; 0: none.
     geometry: u32,
     answers: VecDeque<String>,
     /// Next text and next block.

@@ -28,12 +28,12 @@ struct Room {
     next: u64,
 }
 
-/// What is known of a connection.
+/// State of a connection.
 #[derive(Debug)]
 struct Seat {
     /// Whether a request of it is being answered.
     asks: AtomicBool,
-    /// When it asked last, or came.
+    /// Time of its last request, or of its opening.
     asked: Mutex<Instant>,
     dismissed: Notify,
 }
@@ -135,7 +135,7 @@ mod tests {
         guests.iter().map(is_gone).collect()
     }
 
-    /// Of so many the oldest goes that asks for nothing; who has the key counts no more.
+    /// Beyond this number the oldest idle connection is closed. Connections with the key are not counted.
     #[test]
     fn a_newcomer_takes_the_place_of_the_oldest_that_is_silent() {
         let waiting = Arc::new(Waiting::default());
@@ -154,7 +154,7 @@ mod tests {
         guests.iter().for_each(Guest::asks);
         guests.push(waiting.enter());
         assert_eq!(dismissed(&guests)[..5], [true, true, true, true, false]);
-        // Who leaves makes room.
+        // A connection that ends makes room.
         guests.pop();
         guests.push(waiting.enter());
         assert_eq!(dismissed(&guests)[4..], [false; MOST_WAITING]);

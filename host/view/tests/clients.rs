@@ -201,7 +201,7 @@ fn one_client_controls_and_safe_stop_is_for_all() {
     });
 }
 
-/// Who takes the controls costs the others nothing: two clients hear of it, and nobody gets the geometry again.
+/// Taking control costs the others nothing: two clients hear of it, and nobody gets the geometry again.
 #[test]
 fn roles_change_without_the_geometry() {
     let (server, _asked) = server();

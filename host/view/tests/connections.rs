@@ -34,7 +34,7 @@ fn half_requests_shut_nobody_out() {
         let mut client = page(&server).await;
         assert_eq!(client.greet(&server, true).await["role"], "control");
         let more: Vec<_> = (0..MOST_WAITING).map(|_| half(server.address())).collect();
-        // Who has the key is no one of them.
+        // A connection with the key is none of them.
         let answer = client
             .ask(serde_json::json!({"id": 1, "do": "picture_hz", "hz": 5}))
             .await;
@@ -53,7 +53,7 @@ fn half_requests_shut_nobody_out() {
     }
 }
 
-/// What a silent connection gets to hear: its end.
+/// Waits for the end of a silent connection.
 fn ended(mut stream: TcpStream) -> Vec<u8> {
     stream.set_nonblocking(false).expect("a socket");
     stream.set_read_timeout(Some(6 * SOON)).expect("a socket");

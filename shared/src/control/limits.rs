@@ -55,7 +55,7 @@ pub(super) struct Limits {
     speed: [f32; 2],
     /// Square of the force from which on one counts as cut \[N^2\].
     cut_square: f32,
-    /// Of the tick under way, bits of [`cuts`].
+    /// Bits of [`cuts`] of the tick under way.
     cuts: u8,
     ticks: TicksLimited,
 }

@@ -385,7 +385,7 @@ export const tests = [
     await page.evaluate(() => [1, 2, 3, 4].forEach((i) => window.sutura.drag.dispatchEvent(new CustomEvent('target', { detail: [0, 0, -0.001 * i] }))));
     await until(page, () => document.querySelector('#toasts p')?.textContent.includes('(4 times)'));
     check((await page.locator('#toasts p').count()) === 1, await page.locator('#toasts').innerText());
-    // Who watches takes nothing out.
+    // A watcher takes nothing out.
     const second = await browser.open(host.url);
     await until(second.page, () => !document.getElementById('slipped').hidden);
     check(await second.page.locator('#take-out').isHidden() && (await second.page.locator('#slipped').innerText()).includes('Take it out, then arm.'), 'who watches has no button');
@@ -395,7 +395,7 @@ export const tests = [
     await until(page, () => document.getElementById('mode').textContent === 'armed');
     await until(page, () => document.getElementById('slipped').hidden);
     check(!(await dashes()).visible, 'a tool that is out again has no dashes');
-    // Of one that no balance is found for words come when the console has let go.
+    // A tool without an equilibrium has its words once the console has let go.
     mock.tooDeep = true;
     await until(page, () => window.sutura.picture.status.word === 3);
     await settled(page, 700);

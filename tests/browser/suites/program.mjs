@@ -426,7 +426,7 @@ async function dragged({ page, shot, sutura, folder }) {
   return `in the air speed ripples by ${(100 * ripple).toFixed(1)} % RMS; 5 mm deep ${pressed.toFixed(3)} N, solved ${solved.toFixed(3)} N; let go ${after.toFixed(4)} N`;
 }
 
-/** As deep as a ball without friction presses before anything slips [m]. */
+/** Depth that a ball without friction reaches before tissue slips [m]. */
 const SURE_M = 0.01;
 
 /** Drags the probe straight down to 25 mm in 5 s of the session, and farther until it has slipped in; takes it out, and presses again. */

@@ -15,7 +15,7 @@ const LONGEST_S: f64 = 120.0;
 /// Time between two looks at it.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// How it ended.
+/// Ways in which it can end.
 pub enum Ended {
     Exit {
         code: i32,

@@ -18,18 +18,18 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Numbers that are drawn without `--full`.
 const DRAWN: usize = 100;
-/// How long a session lasts at most \[s\]: in the shipped scenes something is touched by then.
+/// Longest session \[s\]; something is touched by then in the shipped scenes.
 const SECONDS: f64 = 1.5;
-/// What a finger feels, and what a frame that is a little ahead of its solve may have \[N\].
+/// Least force that a finger feels, and largest force of a frame ahead of its solve \[N\].
 const FELT_N: f64 = 5e-3;
 
-/// What is swept.
+/// Options of the sweep.
 #[derive(Args, Clone, Debug)]
 pub struct Arguments {
     /// Every key of every scene in place of a drawn hundred, in sessions of full length.
     #[arg(long)]
     pub full: bool,
-    /// Of the draw; printed.
+    /// Seed of the draw; printed.
     #[arg(long)]
     pub seed: Option<u64>,
     /// Only scenes with this in their name.
@@ -38,7 +38,7 @@ pub struct Arguments {
     /// Only keys with this in them, such as `hand.` or `radius_m`.
     #[arg(long)]
     pub key: Option<String>,
-    /// How many are drawn.
+    /// Number of drawn changes.
     #[arg(long, default_value_t = DRAWN, conflicts_with = "full")]
     pub count: usize,
     /// The command, built before; the workspace's debug build when left out.
@@ -71,7 +71,7 @@ struct Scene {
     seconds: f64,
 }
 
-/// What came of a changed number.
+/// Outcome of a changed number.
 enum Outcome {
     /// At a place of the scene's file.
     Refused(String),
@@ -92,7 +92,7 @@ enum Outcome {
 /// Sweeps, prints a line for each number, and fails if one ends as it must not.
 ///
 /// # Errors
-/// Which ones; a scene or a program that is not there.
+/// Lists them; a scene or a program that is not there.
 pub fn all(arguments: &Arguments) -> Result<()> {
     let now = SystemTime::now().duration_since(UNIX_EPOCH);
     let fresh = now.map_or(0, |since| since.as_nanos() as u64);
@@ -156,7 +156,7 @@ pub fn all(arguments: &Arguments) -> Result<()> {
 }
 
 impl Outcome {
-    /// What it is called, and what it is like.
+    /// Returns its name and its description.
     fn words(&self) -> (&'static str, String) {
         match self {
             Outcome::Refused(what) => ("refused", format!("refused: {what}")),
@@ -257,7 +257,7 @@ impl Sweep {
         if !scene.is_session {
             return self.solve(&path);
         }
-        // What is changed of the session's length is not overruled.
+        // A changed length of the session is kept.
         let cut = number.key != "seconds" && !self.full && scene.seconds > SECONDS;
         self.session(&path, cut.then_some(SECONDS), &unchanged)
     }
@@ -352,7 +352,7 @@ impl Sweep {
     }
 }
 
-/// What a session that ended well was like.
+/// Judges a session that ended well.
 fn judge(summary: &Value, unchanged: &Unchanged) -> Outcome {
     let felt_n = summary["force_n"]["peak"].as_f64().unwrap_or_default();
     let solved_n = summary["scene"]["peak"]["force_n"]

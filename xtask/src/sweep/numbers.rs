@@ -10,7 +10,7 @@ use toml::de::{DeTable, DeValue};
 pub struct Number {
     /// Such as `hand.way_point[2].position_m[1]`.
     pub key: String,
-    /// As the file has it.
+    /// Text in the file.
     pub written: String,
     value: f64,
     is_whole: bool,
@@ -31,7 +31,7 @@ impl Number {
     }
 }
 
-/// How a number is changed.
+/// Changes of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Change {
     Thousandth,
@@ -77,7 +77,7 @@ impl Change {
 /// All numbers of a TOML text, in its order.
 ///
 /// # Errors
-/// What is wrong with the text.
+/// A text that is not TOML.
 pub fn of(text: &str) -> Result<Vec<Number>> {
     let table = DeTable::parse(text).context("no TOML")?;
     let mut numbers = Vec::new();
@@ -120,7 +120,7 @@ fn collect(text: &str, key: &str, value: &Spanned<DeValue<'_>>, numbers: &mut Ve
     }
 }
 
-/// Of numbers whose keys differ by their places in lists of sections alone the first, the one in the middle, and the last.
+/// Returns the first, the middle and the last of numbers whose keys differ only by their places in lists of sections.
 pub fn of_each_key(numbers: &[Number]) -> Vec<usize> {
     let mut alike = BTreeMap::<String, Vec<usize>>::new();
     for (place, number) in numbers.iter().enumerate() {

@@ -35,7 +35,7 @@ pub struct PageAttendant {
     arms: bool,
     /// Whether a page has stopped it, and none has armed it since: then it is not armed by itself.
     is_stopped: bool,
-    /// Who asked for something last.
+    /// Name of the last person to ask for something.
     person: String,
     /// Of a simulated console: its hand, and since when.
     hand: Option<(Guide, Instant)>,
@@ -48,7 +48,7 @@ pub struct PageAttendant {
     arms_at: Option<Instant>,
     /// Orders that go out with the next waits.
     orders: VecDeque<Order>,
-    /// Where the page is told who has stopped it.
+    /// Shared state that tells the page the name of the person who stopped it.
     telemetry: Arc<Telemetry>,
 }
 

@@ -326,7 +326,7 @@ mod tests {
         assert_eq!(after(0.3, 1), (Some(10.0), Some(10.0)));
     }
 
-    /// Where the wall's clock has gone ten times as far as the session's, ten times fewer solves come in its second, and each
+    /// While the wall clock has gone ten times as far as the session's, ten times fewer solves come in its second, and each
     /// contact is felt ten times as late.
     #[test]
     fn a_session_that_is_slow_is_told_by_the_clock_on_the_wall() {

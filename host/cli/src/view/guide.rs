@@ -26,7 +26,7 @@ const PLACES: usize = 2000;
 /// How fast it goes to where the scene's hand begins \[m/s\], and for how long at least \[s\].
 const TO_START_M_PER_S: f64 = 0.1;
 const TO_START_S: f64 = 0.3;
-/// How fast it takes a tool out of the tissue \[m/s\], and for how long at least \[s\].
+/// Speed at which a tool is taken out of the tissue \[m/s\], and the least duration \[s\].
 const OUT_M_PER_S: f64 = 0.1;
 const OUT_S: f64 = 0.3;
 /// Longest way that it can do again, in periods: 10 min.

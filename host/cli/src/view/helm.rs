@@ -108,7 +108,7 @@ pub struct Helm<'a> {
     /// Ways out of the tissue for the console's tool, and the tick at which the console is armed once it is out.
     out: Option<TakeOut>,
     arms_at: Option<u64>,
-    /// Who asked for something last.
+    /// Name of the last person to ask for something.
     person: String,
     making: Option<Making>,
     /// Sessions in the making in whose place another one was asked for.
@@ -476,7 +476,7 @@ impl Steer for Helm<'_> {
         if self.until.is_some_and(is_there) {
             self.until = None;
             if let Some(stands) = &self.stands {
-                // Who waits for it has it already if time stands still once more.
+                // While time stands still again, whoever waits for it has it already.
                 let _ = stands.set(1.0 / PICTURE_HZ + 1.0 / self.plan.host_hz);
             }
         }

@@ -79,7 +79,7 @@ pub struct ViewArgs {
     /// Takes a picture of the page with an installed Chromium, writes it to this file, and ends.
     #[arg(long, value_name = "FILE.png")]
     pub shot: Option<PathBuf>,
-    /// When the picture is taken, by the session's clock [s]; of a recording, what was at that time. 2 when left out, or the end
+    /// Time of the picture by the session's clock [s]; a recording shows its state at that time. 2 when left out, or the end
     /// of a recording that is shorter. Fails if the page draws the picture of another time.
     #[arg(long, value_name = "S", value_parser = from_the_start, requires = "shot")]
     pub at: Option<f64>,
@@ -87,7 +87,7 @@ pub struct ViewArgs {
     pub page: PageArgs,
 }
 
-/// When a picture is taken unless it is said \[s\].
+/// Default time of a picture \[s\].
 #[cfg(feature = "view")]
 const SHOT_AT_S: f64 = 2.0;
 /// Sessions are not longer than this \[s\].
@@ -123,7 +123,7 @@ pub fn run(args: &ViewArgs, global: &Global) -> Result<(), Failure> {
     for file in [&args.record, &args.shot].into_iter().flatten() {
         crate::files::free(file, global)?;
     }
-    // What is refused is refused before a page says that there is something to see. Ctrl-C ends this at once.
+    // Refuses bad input before a page says that there is something to see. Ctrl-C ends this at once.
     let what = What::of(args, global.overwrite)?;
     for file in [&args.record, &args.shot].into_iter().flatten() {
         crate::files::never_over(file, what.read())?;
@@ -170,7 +170,7 @@ impl What {
         }
     }
 
-    /// When a picture of it is taken, if that is asked for at a time \[s\].
+    /// Time of the picture that is asked for \[s\], if any.
     ///
     /// # Errors
     /// A recording that has no pictures, or none of then.

@@ -14,7 +14,7 @@ pub struct Page {
     shared: Arc<Shared>,
     server: Option<Server>,
     asked: Option<Receiver<Request>>,
-    /// What a browser was told to open; it may read that late.
+    /// File that a browser was told to open; it may read it late.
     _redirect: Option<Redirect>,
 }
 

@@ -51,7 +51,7 @@ impl Opened {
         })
     }
 
-    /// When a picture is taken of it, if that is asked for at a time \[s\].
+    /// Time of the picture that is asked for \[s\], if any.
     ///
     /// # Errors
     /// It has no pictures, or none of then.

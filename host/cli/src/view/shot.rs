@@ -21,7 +21,7 @@ use sutura_view::Shared;
 const BROWSERS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "chrome"];
 /// Standard input and output become the pipes that the browser listens to.
 const AS_PIPES: &str = "exec \"$0\" \"$@\" 3<&0 4>&1 </dev/null >/dev/null 2>&1";
-/// How long a page has stood still when it has drawn what it got last, plots and figures included.
+/// Time without a change after which a page has drawn all that it got, plots and figures included.
 const SETTLES_WITHIN: Duration = Duration::from_secs(1);
 /// How long all of it may take besides the session, and how long that may take on a machine that has much else to do.
 const WITHIN: Duration = Duration::from_secs(120);
@@ -58,7 +58,7 @@ pub fn take(
     let shown = what.show(&mut page, None, args, Some(at), stop);
     stop.store(true, Ordering::Relaxed);
     let taken = taking.join();
-    // What went wrong in the browser ends the session, and not the other way round.
+    // A failure in the browser ends the session, and not the other way round.
     if let Ok(Err(error)) = &taken
         && error.kind() != io::ErrorKind::Interrupted
     {
@@ -194,7 +194,7 @@ impl Browser {
     }
 }
 
-/// What a page says of itself.
+/// State that a page reports.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Seen {
     /// Session time of the picture that is drawn \[s\].
@@ -229,7 +229,7 @@ impl Tab {
         Ok(answer["result"]["value"].clone())
     }
 
-    /// What the page says now; nothing while it is being loaded.
+    /// Returns the page's present state; none while it is being loaded.
     fn look(&mut self) -> io::Result<Seen> {
         let said = match self.evaluate(SEEN) {
             // A page that is being loaded has nothing that could be asked.

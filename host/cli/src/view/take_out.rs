@@ -1,4 +1,4 @@
-//! How a page has a tool taken out of the tissue that it has slipped into.
+//! Takes a tool out of the tissue that it has slipped into, at a page's request.
 //!
 //! Entry point: [`TakeOut::way`]: the console is disarmed, its hand follows this way, and it is armed again.
 
@@ -29,7 +29,7 @@ pub fn grip(state: &State) -> Pose {
 pub type NoWay = (String, &'static str);
 
 impl TakeOut {
-    /// Of a scene whose solver is at rest; none where the console's grip carries nothing that touches.
+    /// Builds it for a scene whose solver is at rest; none if the console's grip carries nothing that touches.
     pub fn of(scene: &Scene, solver: &SceneSolver, plan: &Plan) -> Option<Self> {
         Some(Self {
             ways: WayOut::of(scene, &solver.positions_m())?,
@@ -37,7 +37,7 @@ impl TakeOut {
         })
     }
 
-    /// What the hand is told, for a grip that is at a pose, and how long that takes \[s\].
+    /// Returns the hand's targets for a grip at a pose, and their duration \[s\].
     ///
     /// # Errors
     /// The tool is free already, or the console does not reach to where it would be.

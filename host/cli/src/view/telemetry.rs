@@ -36,7 +36,7 @@ struct Inner {
     mode: Option<Mode>,
     faults: u16,
     punctures: u32,
-    /// Who has asked for a safe stop, until the console is armed.
+    /// Name of the person who asked for a safe stop; cleared when the console is armed.
     stopped_by: Option<&'static str>,
 }
 
@@ -141,7 +141,7 @@ impl Telemetry {
         said
     }
 
-    /// Where the grip was in the newest state.
+    /// Grip position in the newest state \[m\].
     pub fn grip(&self) -> Option<Pose> {
         self.lock().gauges.newest().map(grip)
     }

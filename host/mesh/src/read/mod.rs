@@ -56,11 +56,11 @@ pub fn read_raw_mesh(path: &Path, scale_to_m: f64) -> Result<RawMesh, MeshError>
     read_raw_mesh_with(path, scale_to_m, None, |path| read_plain(path, MOST_BYTES))
 }
 
-/// As [`read_raw_mesh`], with the bytes of each file from `file`, and the regions from the cell array of the name
+/// Reads as [`read_raw_mesh`] does, with the bytes of each file from `file`, and the regions from the cell array of the name
 /// `region_array`, if one is given.
 ///
 /// # Errors
-/// As there, and [`MeshError::NoCellArray`].
+/// The same, and [`MeshError::NoCellArray`].
 pub fn read_raw_mesh_with(
     path: &Path,
     scale_to_m: f64,

@@ -536,7 +536,7 @@ mod tests {
         assert_eq!(new.regions(), [5, 5], "of two groups the first");
     }
 
-    /// As gmsh cuts a box into two partitions: its volume 1 becomes 2 and 3, the one with a group of its own.
+    /// A box that gmsh cuts into two partitions: its volume 1 becomes 2 and 3, the one with a group of its own.
     #[test]
     fn parts_of_partitions_have_their_parents_groups() {
         let entities = "1 0 0 0 1 1 1 1 7 0\n";

@@ -53,7 +53,7 @@ fn plain(name: &str) -> String {
     letters.flat_map(char::to_lowercase).collect()
 }
 
-/// What the head of a cell array says.
+/// Head of a cell array.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Head<'a> {
     pub name: &'a str,
@@ -122,7 +122,7 @@ impl RegionArrays {
         self.taken.as_ref().map(|(name, _)| name.as_str())
     }
 
-    /// What there is to say of the arrays.
+    /// Notes about the arrays.
     ///
     /// # Errors
     /// [`MeshError::NoCellArray`], without the one that the user names.

@@ -184,7 +184,7 @@ struct File<'d> {
     room: Cell<u64>,
 }
 
-/// How many numbers of an array are needed, and what they are.
+/// Count and type of an array's numbers that are needed.
 #[derive(Clone, Copy)]
 struct Wanted<'w> {
     count: u64,
@@ -248,7 +248,7 @@ impl<'d> File<'d> {
             let node = arrays(piece, "Cells").find(|n| n.attribute("Name") == Some(name));
             node.ok_or(MeshError::NoSection(name))
         };
-        // What is missing is missed before anything is unpacked.
+        // Reports a missing array before anything is unpacked.
         let connectivity = cell_array("connectivity")?;
         let (offsets, types) = (cell_array("offsets")?, cell_array("types")?);
         let coordinates = arrays(piece, "Points").next();

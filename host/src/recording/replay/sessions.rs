@@ -24,7 +24,7 @@ pub struct DownFrame {
 /// What went over the line in one session.
 #[derive(Clone, Debug)]
 pub struct Session {
-    /// What the console said of itself; of one that is not opened, what the recording says of it.
+    /// The console's description of itself; for a session without an opening, the recording's.
     pub console: Hello,
     /// Whether the recording has the session's opening; a file of the last seconds may begin after it.
     pub is_opened: bool,

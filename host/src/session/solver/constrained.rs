@@ -23,7 +23,7 @@ pub(crate) const IN_BALANCE: f64 = 1e-9;
 /// Passes with the tools at their places: a stale factor leaves about a tenth in each.
 pub(crate) const MOST_PASSES: u32 = 300;
 
-/// How far apart bodies begin that press on each other, in radii of the thickest.
+/// Initial distance of bodies that press on each other, in radii of the thickest.
 const APART_RADII: f64 = 4.0;
 /// How far from the tool vertices are prepared, in radii: as far as a step looks ahead.
 const PREPARED_RADII: f64 = 0.5;

@@ -33,7 +33,7 @@ impl ToolContacts {
                 // normals have a part of it, one against the other.
                 let mut way_m = contact.ahead_m;
                 if contact.is_wall {
-                    // What goes into the normal is stored.
+                    // The share along the normal is stored.
                     way_m -= contact.normal * contact.normal.dot(&way_m);
                 }
                 *friction_j += 0.5 * (contact.before_n + force_n).dot(&way_m);

@@ -62,14 +62,14 @@ impl Pressing {
     }
 }
 
-/// Where a tool was pushed hardest on its way in.
+/// Largest force on a tool on its way in, and its place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Hardest {
     at: Placement,
     /// Normal force on the tool \[N\], and its direction, unit vector, (3).
     force_n: f64,
     out: Vector3<f64>,
-    /// Where the tool was at the last balance, and its force along `out` there \[N\].
+    /// Tool position at the last equilibrium \[m\], and its force along `out` there \[N\].
     last: Placement,
     last_n: f64,
 }

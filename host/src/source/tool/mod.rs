@@ -161,7 +161,7 @@ pub(crate) struct ToolContacts {
     slack_m: Vec<f64>,
     /// Dissipated by friction so far \[J\].
     pub friction_j: f64,
-    /// Where each tool was pushed hardest on its way in.
+    /// Largest force on each tool on its way in, and its place.
     #[serde(skip)]
     hardest: [Option<Hardest>; MAX_TOOLS],
 }
