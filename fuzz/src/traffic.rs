@@ -281,7 +281,8 @@ impl<'a> Traffic<'a> {
             | Reject::Schema
             | Reject::TickRate
             | Reject::FrameSize
-            | Reject::Owned => {
+            | Reject::Owned
+            | Reject::Clock => {
                 tally.decoded += rejected;
                 tally.validated += rejected;
             }

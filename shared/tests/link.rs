@@ -10,7 +10,7 @@ use sutura_shared::link::{
     Checks, ConsoleLink, Counters, EXPIRES_AFTER_US, HostEvent, HostLink, Identity, LinkEvent,
     Mismatch, OWNED_FOR_US, SendError,
 };
-use sutura_shared::wire::message::{Command, Contact, Hello, Refusal, Report, Simulate};
+use sutura_shared::wire::message::{Command, Contact, Hello, Refusal, Report, Simulate, State};
 use sutura_shared::wire::{MAX_FRAME, PROTOCOL_VERSION, Reject, SCHEMA_HASH, Unchecked};
 
 const NOW_US: u64 = 10_000_000;
@@ -323,6 +323,46 @@ fn a_thread_from_the_future_is_refused() {
 
 /// Everything that an earlier session sent comes once more: its `Hello` disarms and asks for a session
 /// with a new number, so that all that follows is refused.
+/// Ticks and times go on together, over the counter's end, too; nothing else is a state of a console that runs.
+#[test]
+fn a_state_whose_clock_does_not_go_on_is_refused() {
+    let (mut host, mut console, _) = pair();
+    let mut hears = |tick: u32, time_us: u64| {
+        let mut out = [0; MAX_FRAME];
+        let state = State {
+            tick,
+            ..sample::state()
+        };
+        let len = console.encode_state(time_us, &state, &mut out);
+        let events = hear(&mut host, &out[..len]);
+        match events.is_empty() {
+            true => Err(host.counters().last_reject),
+            false => Ok(()),
+        }
+    };
+    let refused = Err(Some(Reject::Clock));
+    let last = u32::MAX - 1;
+    assert_eq!(hears(last, 7_000_000), Ok(()));
+    assert_eq!(hears(last.wrapping_add(3), 7_003_000), Ok(()));
+    // The same state once more, in lockstep.
+    assert_eq!(hears(1, 7_003_000), Ok(()));
+    for (tick, time_us) in [
+        (0, 7_004_000),
+        (last, 7_004_000),
+        (2, 7_002_999),
+        (2, 7_003_000),
+        (5, 1),
+        (1_002_500, 7_503_000),
+        (1_000_000, 7_010_000),
+    ] {
+        assert_eq!(hears(tick, time_us), refused, "{tick} at {time_us}");
+    }
+    // A console that was late for a second goes on, and so does one whose host did not listen for an hour.
+    assert_eq!(hears(900, 7_004_000), Ok(()));
+    assert_eq!(hears(901, 9_000_000), Ok(()));
+    assert_eq!(hears(3_600_901, 3_609_000_000), Ok(()));
+}
+
 #[test]
 fn a_replayed_session_is_refused() {
     let (mut host, mut console) = (HostLink::new(1000), console());

@@ -160,6 +160,7 @@ fn reasons_for_refusal_are_pinned() {
         (Reject::Name, 20),
         (Reject::Nonce, 21),
         (Reject::Owned, 22),
+        (Reject::Clock, 23),
     ];
     assert_eq!(Reject::ALL.len(), pinned.len());
     for (reject, number) in pinned {

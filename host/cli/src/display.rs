@@ -10,6 +10,7 @@ use serde::Serialize;
 use std::fmt::{Arguments, Write as _};
 use std::io::{self, IsTerminal, Write as _};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 use sutura_host::session::{GivenUp, LimitedTicks, Progress, SafeStop, Summary, mode_word};
 use sutura_host::text::{escaped, escaped_json};
 
@@ -139,21 +140,27 @@ pub fn progress(length: usize) -> ProgressBar {
 pub struct Display {
     bar: Option<ProgressBar>,
     stream: bool,
+    /// Beginning of the session and last line about it, where stderr is no terminal.
+    log: Option<(Instant, Instant)>,
 }
 
 /// Steps of the bar per second of the session.
 const PER_SECOND: f64 = 1000.0;
+/// Time without a word after which somebody who reads a log wonders whether a session goes on.
+const SILENT: Duration = Duration::from_secs(10);
 
 impl Display {
     /// A bar if stderr is a terminal, lines of JSON if `stream`.
-    /// Neither where `other` is shown in its place.
+    /// Neither where `other` is shown in its place. Without them a session that is slow says every ten seconds how far it is.
     pub fn new(stream: bool, format: Format, other: bool) -> Display {
         let visible = !other && io::stderr().is_terminal() && !(stream && format == Format::Text);
         let style = ProgressStyle::with_template("{elapsed_precise} {bar:32} {msg}");
         let bar = visible.then(|| {
             ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
         });
-        Display { bar, stream }
+        let now = Instant::now();
+        let log = (bar.is_none() && !other && !stream).then_some((now, now));
+        Display { bar, stream, log }
     }
 
     /// Shows one note.
@@ -178,6 +185,20 @@ impl Display {
                 "{:.1} of {:.1} s  {mode}  {force_n:.2} N",
                 note.elapsed_s, note.seconds
             ));
+        }
+        if let Some((began, said)) = &mut self.log
+            && said.elapsed() > SILENT
+        {
+            // One in real time ends when it is to end.
+            if note.elapsed_s < 0.5 * began.elapsed().as_secs_f64() {
+                let so_far = began.elapsed().as_secs_f64();
+                note!(
+                    "{:.1} of {:.1} s after {so_far:.0} s ..",
+                    note.elapsed_s,
+                    note.seconds
+                );
+            }
+            *said = Instant::now();
         }
         if self.stream {
             let age_us = state.contact_age_us;

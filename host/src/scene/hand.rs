@@ -90,7 +90,7 @@ pub fn hand_script(
 /// Parts of a straight way at which its joints are looked at.
 const LOOKS: u32 = 32;
 /// Highest speed of a way with minimum jerk over its mean speed (Flash and Hogan 1985).
-const PEAK_SPEED: f64 = 15.0 / 8.0;
+pub(super) const PEAK_SPEED: f64 = 15.0 / 8.0;
 
 /// Warnings of a hand that leads its console beyond the stops of its joints, or faster than it allows: one of each kind, at the
 /// first such way point.

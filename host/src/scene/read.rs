@@ -97,6 +97,7 @@ impl Scene {
         warnings.extend(units::of_tools(document, &file.tool, &tools, &mesh));
         warnings.extend(units::of_lengths(document, &file));
         warnings.extend(units::of_places(document, &file, &mesh));
+        warnings.extend(units::of_ways(document, &file));
         let moduli = || {
             let regions = file.region.iter().map(Spanned::get_ref);
             std::iter::once(&file.tissue.youngs_modulus_pa)

@@ -1,10 +1,11 @@
 //! Sizes, stiffnesses and places that suggest another unit than the one that a key asks for.
 //!
-//! Entry points: [`unlikely_size`], [`of_mesh`], [`of_tools`], [`of_lengths`], [`of_places`], [`of_stiffness`], [`of_softness`].
+//! Entry points: [`unlikely_size`], [`of_mesh`], [`of_tools`], [`of_lengths`], [`of_places`], [`of_ways`], [`of_stiffness`], [`of_softness`].
 //! Millimetres for metres are off by 1000, and so are kPa for Pa: that is what a hint proposes, where it helps.
 
 use super::Tool;
 use super::document::{Document, Flaw};
+use super::hand::PEAK_SPEED;
 use super::way;
 use crate::mesh::{TetMesh, mean_ratio};
 use nalgebra::Vector3;
@@ -369,6 +370,46 @@ pub(super) fn of_places(document: &Document, file: &SceneFile, mesh: &TetMesh) -
         }
     }
     warned
+}
+
+/// Fastest motion of a hand, and of a needle holder that it turns \[m/s, rad/s\]: beyond that a script is hardly meant.
+const FASTEST: [f64; 2] = [2.0, 30.0];
+
+/// A warning at the first way point of each tool's script that is reached faster than a hand moves.
+pub(super) fn of_ways(document: &Document, file: &SceneFile) -> Vec<Flaw> {
+    let tools = file.tool.iter().map(Spanned::get_ref);
+    let fast = tools.filter_map(|tool| {
+        let mut pairs = tool.way_point.windows(2);
+        pairs.find_map(|pair| {
+            let [from, to] = [0, 1].map(|index| pair[index].get_ref());
+            let length_s = to.time_s.get_ref() - from.time_s.get_ref();
+            let zero = [0.0; 3];
+            let apart = |from: Option<&Spanned<[f64; 3]>>, to: Option<&Spanned<[f64; 3]>>| {
+                let [from, to] = [from, to].map(|at| Vector3::from(*at.map_or(&zero, Spanned::get_ref)));
+                from.metric_distance(&to)
+            };
+            let way_m = apart(from.position_m.as_ref(), to.position_m.as_ref());
+            let turn_deg = apart(from.rotation_deg.as_ref(), to.rotation_deg.as_ref());
+            let [most_m, most_rad] = FASTEST;
+            let (at, how, needed_s) = if PEAK_SPEED * way_m > most_m * length_s {
+                let how = format!("{} in {length_s} s, faster than {most_m} m/s", length(way_m));
+                (to.position_m.as_ref()?, how, PEAK_SPEED * way_m / most_m)
+            } else if PEAK_SPEED * turn_deg.to_radians() > most_rad * length_s {
+                let turns = turn_deg / 360.0;
+                let how = format!("{turns:.1} turns in {length_s} s, faster than {most_rad} rad/s");
+                let needed_s = PEAK_SPEED * turn_deg.to_radians() / most_rad;
+                (to.rotation_deg.as_ref()?, how, needed_s)
+            } else {
+                return None;
+            };
+            let message = format!("this way point is reached over {how} at the fastest");
+            let help = format!(
+                "no hand is as fast: give it {needed_s:.2} s, or a shorter way; lengths are in metres, turns in degrees"
+            );
+            Some(document.warning(at.span(), &message, "hardly meant", &help))
+        })
+    });
+    fast.collect()
 }
 
 /// Young's moduli of the stiffest and the softest tissue \[Pa\]. Fat and brain have some hundred; softer tissue is not felt.

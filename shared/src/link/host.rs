@@ -123,6 +123,8 @@ pub struct HostLink {
     asked: Option<u32>,
     /// Why an answer to it was not taken.
     refused: Option<Reject>,
+    /// Tick and console time of the newest state in this session \[us\].
+    newest: Option<(u32, u64)>,
 }
 
 impl HostLink {
@@ -133,6 +135,7 @@ impl HostLink {
             tick_hz,
             asked: None,
             refused: None,
+            newest: None,
         }
     }
 
@@ -201,6 +204,7 @@ impl HostLink {
                     });
                 }
                 self.endpoint.open(hello.session);
+                self.newest = None;
                 // What came before belonged to somebody else's session.
                 self.endpoint.counters = Counters {
                     frames_sent: 1,
@@ -208,7 +212,17 @@ impl HostLink {
                 };
                 Ok(HostEvent::Opened(hello))
             }
-            Checked::State(state) => Ok(HostEvent::State(state)),
+            Checked::State(state) => {
+                let now = (state.body().tick, state.console_time_us());
+                if self
+                    .newest
+                    .is_some_and(|before| !goes_on(before, now, self.tick_hz))
+                {
+                    return Err(Reject::Clock);
+                }
+                self.newest = Some(now);
+                Ok(HostEvent::State(state))
+            }
             Checked::Report(report) => Ok(HostEvent::Report(report)),
             Checked::Pong(pong) => Ok(HostEvent::Pong(pong)),
             Checked::Contact(_)
@@ -285,4 +299,19 @@ impl HostLink {
     pub fn counters(&self) -> Counters {
         self.endpoint.counters
     }
+}
+/// Most time that ticks may be ahead of the console's clock: ticks that were due are run late \[us\].
+const AHEAD_US: u64 = 1_000_000;
+
+/// Whether a state's tick and console time \[us\] follow those of one before. A console in lockstep may send a state twice.
+fn goes_on((tick, time_us): (u32, u64), now: (u32, u64), tick_hz: u16) -> bool {
+    let ticks = now.0.wrapping_sub(tick);
+    let Some(passed_us) = now.1.checked_sub(time_us) else {
+        return false;
+    };
+    if ticks == 0 {
+        return true;
+    }
+    let due_us = u64::from(ticks) * 1_000_000 / u64::from(tick_hz.max(1));
+    ticks <= u32::MAX / 2 && passed_us > 0 && due_us <= 2 * passed_us + AHEAD_US
 }

@@ -50,11 +50,13 @@ pub enum Reject {
     Nonce = 21,
     /// `Hello`: another host has a session and uses it.
     Owned = 22,
+    /// `State`: its tick or its console time does not go on from the last one's.
+    Clock = 23,
 }
 
 impl Reject {
     /// All reasons, in the order of their numbers.
-    pub const ALL: [Reject; 22] = [
+    pub const ALL: [Reject; 23] = [
         Reject::Overlong,
         Reject::Cobs,
         Reject::Short,
@@ -77,6 +79,7 @@ impl Reject {
         Reject::Name,
         Reject::Nonce,
         Reject::Owned,
+        Reject::Clock,
     ];
 
     /// The reason with this number, as found in [`Report::last_reject`](super::message::Report::last_reject).
@@ -110,6 +113,9 @@ impl fmt::Display for Reject {
             Reject::Name => "a name is not plain UTF-8 padded with zeros",
             Reject::Nonce => "answer to a handshake that is not under way",
             Reject::Owned => "the console is in use by another host",
+            Reject::Clock => {
+                "its clock does not go on: ticks or times that go back, stand still or jump"
+            }
         })
     }
 }

@@ -5,7 +5,7 @@
 use super::guide::{Guide, NO_WAY, NO_WAY_HELP, PERIOD_S};
 use super::helm::{NO_JAWS, NO_JAWS_HELP};
 use super::saves::Saves;
-use super::take_out::{NoWay, RESTS_S, TakeOut};
+use super::take_out::{IS_CLEAR, MORE_WAYS, NoWay, RESTS_S, STILL_INSIDE, TakeOut};
 use super::telemetry::Telemetry;
 use crate::attendant::Operator;
 use std::collections::VecDeque;
@@ -43,9 +43,10 @@ pub struct PageAttendant {
     /// The console's tool, if that has jaws, and what is done with it before the next solve.
     jaws: Option<u8>,
     acts: Vec<Act>,
-    /// Ways out of the tissue for a simulated console's tool, and when the console is armed once it is out.
+    /// Ways out of the tissue for a simulated console's tool.
     out: Option<TakeOut>,
-    arms_at: Option<Instant>,
+    /// End of the way out that it is on, and the number of further ones; then the console is armed.
+    leaving: Option<(Instant, u8)>,
     /// Orders that go out with the next waits.
     orders: VecDeque<Order>,
     /// Shared state that tells the page the name of the person who stopped it.
@@ -73,14 +74,14 @@ impl PageAttendant {
             jaws,
             acts: Vec::new(),
             out,
-            arms_at: None,
+            leaving: None,
             orders: VecDeque::new(),
             telemetry,
         }
     }
 
-    /// Moves the grip out of the tissue once the console is disarmed, and has it armed when it is there.
-    fn take_out(&mut self) -> Result<(), NoWay> {
+    /// Begins a way out of the tissue, with so many more after it. Whether there is one: none for a tool that is clear.
+    fn leave(&mut self, more: u8) -> Result<bool, NoWay> {
         let (Some(out), Some((guide, since))) = (&self.out, &mut self.hand) else {
             let message = "the tool of this console is not this page's to move";
             return Err((message.to_owned(), "take it out by hand, then arm"));
@@ -89,32 +90,39 @@ impl PageAttendant {
             return Err(("the console has said nothing yet".to_owned(), "wait for it"));
         };
         let now_s = since.elapsed().as_secs_f64();
-        let (script, way_s) = out.way(guide, now_s, &grip)?;
-        self.is_stopped = true;
-        self.orders = [
-            Order::Command(ToConsole::Disarm),
-            Order::Simulate(Simulate::Hand(script)),
-        ]
-        .into();
-        self.arms_at = Some(Instant::now() + Duration::from_secs_f64(way_s + RESTS_S));
-        Ok(())
+        let Some((script, way_s)) = out.way(guide, now_s, &grip)? else {
+            return Ok(false);
+        };
+        self.orders
+            .push_back(Order::Simulate(Simulate::Hand(script)));
+        let ends = Instant::now() + Duration::from_secs_f64(way_s + RESTS_S);
+        self.leaving = Some((ends, more));
+        Ok(true)
     }
 
     fn obey(&mut self, Request { command, reply }: Request) -> Option<Order> {
         self.person = reply.person();
         let order = match command {
             Command::SafeStop => {
-                (self.arms, self.is_stopped, self.arms_at) = (false, true, None);
+                (self.arms, self.is_stopped, self.leaving) = (false, true, None);
                 self.telemetry.safe_stop(reply.asker());
                 Some(Order::Command(ToConsole::Disarm))
             }
             Command::ClearFault => Some(Order::Command(ToConsole::ClearFault)),
             Command::Arm => {
-                (self.arms, self.is_stopped, self.arms_at) = (true, false, None);
+                (self.arms, self.is_stopped, self.leaving) = (true, false, None);
                 None
             }
-            Command::TakeOut => match self.take_out() {
-                Ok(()) => self.orders.pop_front(),
+            Command::TakeOut => match self.leave(MORE_WAYS) {
+                Ok(true) => {
+                    self.is_stopped = true;
+                    Some(Order::Command(ToConsole::Disarm))
+                }
+                Ok(false) => {
+                    let (message, help) = IS_CLEAR;
+                    reply.refuse(message, help);
+                    return None;
+                }
                 Err((message, help)) => {
                     reply.refuse(&message, help);
                     return None;
@@ -178,9 +186,18 @@ impl Attendant for PageAttendant {
     }
 
     fn arms(&mut self) -> Arms {
-        if self.arms_at.take_if(|at| Instant::now() >= *at).is_some() {
-            self.is_stopped = false;
-            return Arms::ByHand;
+        if let Some((_, more)) = self.leaving.take_if(|(ends, _)| Instant::now() >= *ends) {
+            match self.leave(more.saturating_sub(1)) {
+                Ok(false) => {
+                    self.is_stopped = false;
+                    return Arms::ByHand;
+                }
+                Ok(true) if more > 0 => {}
+                Ok(true) | Err(_) => {
+                    self.leaving = None;
+                    note!("{STILL_INSIDE}");
+                }
+            }
         }
         if std::mem::take(&mut self.arms) {
             return Arms::ByHand;

@@ -7,7 +7,7 @@ use super::prepare::{Prepared, Wish};
 use super::saves::Saves;
 use super::settings::{Change, Setting};
 use super::show::Show;
-use super::take_out::{NoWay, RESTS_S, TakeOut, grip};
+use super::take_out::{IS_CLEAR, MORE_WAYS, NoWay, RESTS_S, STILL_INSIDE, TakeOut, grip};
 use crate::failure::Failure;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -105,9 +105,10 @@ pub struct Helm<'a> {
     /// The console's tool, if that has jaws, and what is done with it before the next solve.
     jaws: Option<u8>,
     acts: Vec<Act>,
-    /// Ways out of the tissue for the console's tool, and the tick at which the console is armed once it is out.
+    /// Ways out of the tissue for the console's tool.
     out: Option<TakeOut>,
-    arms_at: Option<u64>,
+    /// Tick at which the way out that it is on ends, and the number of further ones; then the console is armed.
+    leaving: Option<(u64, u8)>,
     /// Name of the last person to ask for something.
     person: String,
     making: Option<Making>,
@@ -144,7 +145,7 @@ impl<'a> Helm<'a> {
             jaws: None,
             acts: Vec::new(),
             out: None,
-            arms_at: None,
+            leaving: None,
             person: String::new(),
             making: None,
             left: Vec::new(),
@@ -199,7 +200,7 @@ impl<'a> Helm<'a> {
         let now_s = self.time_s(now);
         match command {
             Command::SafeStop => {
-                self.arms_at = None;
+                self.leaving = None;
                 self.show.telemetry().safe_stop(reply.asker());
                 self.order(ToConsole::Disarm, now, orders);
             }
@@ -207,12 +208,26 @@ impl<'a> Helm<'a> {
                 return reply.refuse("the console is in a latched fault", "clear the fault first");
             }
             Command::Arm => {
-                self.arms_at = None;
+                self.leaving = None;
                 self.order(ToConsole::Arm, now, orders);
             }
             Command::TakeOut => {
-                if let Err((message, help)) = self.take_out(now, orders) {
-                    return reply.refuse(&message, help);
+                let mut way = Vec::new();
+                match self.leave(MORE_WAYS, now, &mut way) {
+                    Ok(true) => {
+                        self.order(ToConsole::Disarm, now, orders);
+                        orders.append(&mut way);
+                    }
+                    Ok(false) => {
+                        let (message, help) = IS_CLEAR;
+                        return reply.refuse(message, help);
+                    }
+                    Err((message, help)) => return reply.refuse(&message, help),
+                }
+                if self.paused {
+                    self.until = self
+                        .leaving
+                        .map(|(ends, _)| Until::Tick(ends + TICKS_TO_OBEY));
                 }
             }
             Command::ClearFault => self.order(ToConsole::ClearFault, now, orders),
@@ -316,23 +331,47 @@ impl<'a> Helm<'a> {
         }
     }
 
-    /// Disarms, moves the grip out of the tissue, and arms when it is there.
-    fn take_out(&mut self, now: &Steered<'_>, orders: &mut Vec<Order>) -> Result<(), NoWay> {
+    /// Begins a way out of the tissue, with so many more after it. Whether there is one: none for a tool that is clear.
+    fn leave(
+        &mut self,
+        more: u8,
+        now: &Steered<'_>,
+        orders: &mut Vec<Order>,
+    ) -> Result<bool, NoWay> {
         let now_s = self.time_s(now);
         let grip = grip(now.state);
         let Some(out) = &self.out else {
             let message = "the console's grip carries nothing that could be in the tissue";
             return Err((message.to_owned(), "arm the console"));
         };
-        let (script, way_s) = out.way(&mut self.guide, now_s, &grip)?;
-        self.order(ToConsole::Disarm, now, orders);
+        let Some((script, way_s)) = out.way(&mut self.guide, now_s, &grip)? else {
+            return Ok(false);
+        };
         orders.push(Order::Simulate(Simulate::Hand(script)));
         let ticks = ((way_s + RESTS_S) * f64::from(self.plan.tick_hz)).ceil() as u64;
-        self.arms_at = Some(now.ticks + ticks);
-        if self.paused {
-            self.until = Some(Until::Tick(now.ticks + ticks + TICKS_TO_OBEY));
+        self.leaving = Some((now.ticks + ticks, more));
+        Ok(true)
+    }
+
+    /// Arms the console at the end of a way out of the tissue, or goes on to the next one.
+    fn look_whether_out(&mut self, now: &Steered<'_>, orders: &mut Vec<Order>) {
+        let Some((_, more)) = self.leaving.take_if(|(ends, _)| now.ticks >= *ends) else {
+            return;
+        };
+        match self.leave(more.saturating_sub(1), now, orders) {
+            Ok(false) => orders.push(Order::Command(ToConsole::Arm)),
+            Ok(true) if more > 0 => {
+                if self.paused {
+                    self.until = self
+                        .leaving
+                        .map(|(ends, _)| Until::Tick(ends + TICKS_TO_OBEY));
+                }
+            }
+            Ok(true) | Err(_) => {
+                self.leaving = None;
+                note!("{STILL_INSIDE}");
+            }
         }
-        Ok(())
     }
 
     fn set(
@@ -504,9 +543,7 @@ impl Steer for Helm<'_> {
                 None => {}
             }
         }
-        if self.arms_at.take_if(|tick| now.ticks >= *tick).is_some() {
-            orders.push(Order::Command(ToConsole::Arm));
-        }
+        self.look_whether_out(now, orders);
         let now_s = self.time_s(now);
         if matches!(now.state.mode, Mode::Armed | Mode::Decaying)
             && let Some(script) = self.guide.order(now_s)

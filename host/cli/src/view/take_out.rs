@@ -1,8 +1,9 @@
 //! Takes a tool out of the tissue that it has slipped into, at a page's request.
 //!
-//! Entry point: [`TakeOut::way`]: the console is disarmed, its hand follows this way, and it is armed again.
+//! Entry point: [`TakeOut::way`]: the console is disarmed, its hand follows ways until the tool is clear, and it is armed again.
 
 use super::guide::Guide;
+use nalgebra::Vector3;
 use sutura_host::scene::{Pose, Scene, joints_at};
 use sutura_host::session::{Plan, SceneSolver, WayOut};
 use sutura_shared::device::DeviceDescription;
@@ -10,6 +11,12 @@ use sutura_shared::wire::message::{HandScript, State};
 
 /// Wait between the end of the way and arming, in which the hand's spring comes to rest \[s\].
 pub const RESTS_S: f64 = 0.2;
+/// Further ways if the hand's spring has left the tool short of the first one's end.
+pub const MORE_WAYS: u8 = 3;
+/// Refusal for a tool that is clear already, and the next step.
+pub const IS_CLEAR: (&str, &str) = ("the tool is not in the tissue", "arm the console");
+/// Words for a tool that all of them have left in the tissue.
+pub const STILL_INSIDE: &str = "the tool is still in the tissue, and the console stays disarmed: `Start again` begins with the tool outside";
 
 /// Ways out of a scene's tissue for a simulated console.
 pub struct TakeOut {
@@ -37,16 +44,16 @@ impl TakeOut {
         })
     }
 
-    /// Returns the hand's targets for a grip at a pose, and their duration \[s\].
+    /// Returns the hand's targets for a grip at a pose, and their duration \[s\]; none if the tool is clear already.
     ///
     /// # Errors
-    /// The tool is free already, or the console does not reach to where it would be.
+    /// There is no way, or the console does not reach to its end.
     pub fn way(
         &self,
         guide: &mut Guide,
         now_s: f64,
         grip: &Pose,
-    ) -> Result<(HandScript, f64), NoWay> {
+    ) -> Result<Option<(HandScript, f64)>, NoWay> {
         let help = "`Start again` begins with the tool outside";
         let out = self.ways.from(grip).ok_or_else(|| {
             (
@@ -54,19 +61,20 @@ impl TakeOut {
                 help,
             )
         })?;
-        if out == [0.0; 3] {
-            let message = "the tool is not in the tissue".to_owned();
-            return Err((message, "arm the console"));
-        }
-        // The hand is a spring that the grip hangs from: it goes as far as the grip is to go.
-        let from = guide.at(now_s);
-        let to = [0, 1, 2].map(|axis: usize| from[axis] + out[axis]);
+        let out = Vector3::from(out);
+        let Some(normal) = out.try_normalize(0.0) else {
+            return Ok(None);
+        };
+        // The hand is a spring: motors that push outwards keep the grip ahead of it until they are off.
+        let from = Vector3::from(guide.at(now_s));
+        let ahead_m = (Vector3::from(grip.position_m) - from).dot(&normal);
+        let to: [f64; 3] = (from + out + normal * ahead_m.max(0.0)).into();
         let kinematics = &self.device.kinematics;
         match (
             joints_at(kinematics, grip.position_m),
             joints_at(kinematics, to),
         ) {
-            (Some(start_joint), Some(_)) => Ok(guide.take_out(now_s, to, start_joint)),
+            (Some(start_joint), Some(_)) => Ok(Some(guide.take_out(now_s, to, start_joint))),
             _ => {
                 let [x, y, z] = to.map(|along| 1e3 * along);
                 let message = format!(

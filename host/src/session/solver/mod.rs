@@ -488,12 +488,19 @@ impl SceneSolver {
     /// Whether the driven tool was on tissue or another body in the last step, rather than at a thread, or withheld. Jaws hold
     /// tissue without any force until they draw at it.
     fn presses(&self, needle: Option<&HeldNeedle>) -> bool {
-        let has_jaws = match &self.follower {
-            Follower::Prescribed(tissue) => return tissue.touched(),
-            Follower::Constrained(tissue) => tissue.model.has_jaws(),
-        };
-        let contact = self.past.last.contacts().first();
-        contact.is_some_and(|contact| contact.rows > 0 && !has_jaws)
+        if let Follower::Prescribed(tissue) = &self.follower {
+            return tissue.touched();
+        }
+        let report = &self.past.last;
+        if report
+            .jaws()
+            .iter()
+            .any(|jaws| Some(jaws.tool) == self.driven())
+        {
+            return false;
+        }
+        let contact = report.contacts().first();
+        contact.is_some_and(|contact| contact.rows > 0)
             || needle.is_some_and(|needle| matches!(needle.tip, Tip::Holding | Tip::Inside))
     }
 
