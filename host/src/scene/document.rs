@@ -103,6 +103,22 @@ pub struct Flaw {
 }
 
 impl Flaw {
+    /// Returns an error with another message at the same place.
+    pub(super) fn saying(&self, message: String) -> Self {
+        Self {
+            message,
+            label: self.label.clone(),
+            help: self.help.clone(),
+            severity: Severity::Error,
+            source_code: NamedSource::new(
+                self.source_code.name(),
+                self.source_code.inner().clone(),
+            )
+            .with_language("TOML"),
+            span: self.span,
+        }
+    }
+
     /// Where in the file: offset and length \[bytes\].
     pub fn span(&self) -> SourceSpan {
         self.span

@@ -55,6 +55,7 @@ use crate::step::{State, Workspace};
 use crate::thread::ThreadContact;
 use crate::tool;
 use crate::work;
+use nalgebra::Vector3;
 use std::path::Path;
 use std::sync::Arc;
 use sutura_models::hyperelastic::Cells;
@@ -111,6 +112,8 @@ pub struct Scene {
     pub(crate) added: Vec<Arc<dyn Added>>,
     /// Speed against accuracy of needles.
     pub needle_solver: NeedleSolver,
+    /// Places in the file for errors that building the solver finds.
+    pub(crate) places: Places,
     /// Forces on nodes, and points of tissue that are moved to a target.
     pub loads: Loads,
     /// A name for each handle that has one, (as many as there are handles).
@@ -127,6 +130,15 @@ pub struct Scene {
     pub notes: Vec<Flaw>,
     /// What the mesh's reader left out of its file or made of it.
     pub mesh_notes: Vec<Flaw>,
+}
+
+/// Places in a scene's file for errors that only building its solver finds.
+#[derive(Debug)]
+pub(crate) struct Places {
+    /// The first load or handle; none without one.
+    pub acting: Option<Flaw>,
+    /// The tissue's mesh.
+    pub mesh: Flaw,
 }
 
 /// What a scene says about corotational tissue; the solver's own choice where it says nothing.
@@ -363,7 +375,7 @@ impl Scene {
             ModelError::Tissue(TissueError::NoEquilibrium { .. }) => {
                 self.collapse().unwrap_or(SceneError::Build(error))
             }
-            error => SceneError::Build(error),
+            error => self.placed(error),
         })?;
         let model = match &self.gravity {
             Some(gravity) => model.with_gravity(gravity.m_per_s2),
@@ -379,9 +391,50 @@ impl Scene {
         let pairs = &self.body_pairs[..];
         let model = model.and_then(|model| model.with_body_contacts(pairs));
         let model = model.and_then(|model| model.with_added(mesh, &self.added));
-        let model = model.map_err(SceneError::Build)?;
+        let model = model.map_err(|error| self.placed(error))?;
         let (state, workspace) = (State::new(&model), Workspace::new(&model));
+        self.check_rest(&state.positions(&model))?;
         Ok((model, state, workspace))
+    }
+
+    /// An error of the solver's parts, at the place in the file that it is about.
+    fn placed(&self, error: ModelError) -> SceneError {
+        use ModelError::{NoRest, NotHeld, Tissue};
+        let place = match &error {
+            NoRest { .. } | NotHeld { .. } | Tissue(TissueError::NoEquilibrium { .. }) => {
+                self.places.acting.as_ref()
+            }
+            Tissue(TissueError::Floating { .. } | TissueError::AllFixed(_)) => {
+                Some(&self.places.mesh)
+            }
+            _ => None,
+        };
+        match place {
+            Some(place) => SceneError::Flaw(Box::new(place.saying(error.to_string()))),
+            None => SceneError::Build(error),
+        }
+    }
+
+    /// Checks that forces on the tissue move it by less than its size.
+    fn check_rest(&self, positions_m: &[[f64; 3]]) -> Result<(), SceneError> {
+        let ways = positions_m.iter().zip(self.mesh.points_m());
+        let ways = ways.map(|(at, from)| Vector3::from(*at).metric_distance(&Vector3::from(*from)));
+        let (moved_m, size_m) = (ways.fold(0.0, f64::max), units::size_m(&self.mesh));
+        if moved_m <= size_m || !self.loads.handles.is_empty() {
+            return Ok(());
+        }
+        match (&self.places.acting, self.collapse()) {
+            (Some(place), _) => {
+                let message = format!(
+                    "the loads move the tissue by {:.1} mm, and it is {:.1} mm in size",
+                    1e3 * moved_m,
+                    1e3 * size_m
+                );
+                Err(SceneError::Flaw(Box::new(place.saying(message))))
+            }
+            (None, Some(error)) => Err(error),
+            (None, None) => Ok(()),
+        }
     }
 
     /// Hyperelastic tissue as its setting has it, without needles yet.

@@ -18,7 +18,7 @@ use super::threads::{idle_grips, read_threads};
 use super::tools::read_tools;
 use super::touching::read_touching;
 use super::units;
-use super::{Corotational, DENSITY_KG_PER_M3, HostSettings, Registered, Scene, Tissue};
+use super::{Corotational, DENSITY_KG_PER_M3, HostSettings, Places, Registered, Scene, Tissue};
 use crate::fem::{Anchor, Handle, Loads, NodeLoad};
 use crate::mesh::{self, MeshError, TetMesh};
 use miette::Severity;
@@ -98,6 +98,7 @@ impl Scene {
         warnings.extend(units::of_lengths(document, &file));
         warnings.extend(units::of_places(document, &file, &mesh));
         warnings.extend(units::of_ways(document, &file));
+        warnings.extend(units::of_loads(document, &file, &mesh));
         let moduli = || {
             let regions = file.region.iter().map(Spanned::get_ref);
             std::iter::once(&file.tissue.youngs_modulus_pa)
@@ -186,6 +187,7 @@ impl Scene {
             body_pairs,
             added,
             needle_solver: read_needle_solver(document, &file)?,
+            places: places(document, &file),
             loads: Loads {
                 forces,
                 handles,
@@ -203,6 +205,25 @@ impl Scene {
         scene.settle = settle;
         scene.warnings.extend(warning);
         Ok(scene)
+    }
+}
+
+/// Places for errors that building the solver finds.
+fn places(document: &Document, file: &SceneFile) -> Places {
+    let place = |span, label: &str, help: &str| {
+        let message = String::new();
+        document.note(Severity::Error, span, message, label.to_owned(), Some(help))
+    };
+    let load = file.load.first().map(|load| load.total_force_n.span());
+    let handle = file.handle.first();
+    let handle = || handle.map(|handle| handle.target_displacement_m.span());
+    let help = "make it smaller (forces are in N, lengths in m), the tissue stiffer, or hold more of it by `[[fixed]]`";
+    let help_of_mesh = "see that `[[fixed]]` holds a part of every connected piece: planes and boxes are in metres";
+    Places {
+        acting: load
+            .or_else(handle)
+            .map(|span| place(span, "acts on the tissue", help)),
+        mesh: place(file.mesh.span(), "this mesh", help_of_mesh),
     }
 }
 

@@ -1,6 +1,6 @@
 //! Sizes, stiffnesses and places that suggest another unit than the one that a key asks for.
 //!
-//! Entry points: [`unlikely_size`], [`of_mesh`], [`of_tools`], [`of_lengths`], [`of_places`], [`of_ways`], [`of_stiffness`], [`of_softness`].
+//! Entry points: [`unlikely_size`], [`of_mesh`], [`of_tools`], [`of_lengths`], [`of_places`], [`of_ways`], [`of_loads`], [`of_stiffness`], [`of_softness`].
 //! Millimetres for metres are off by 1000, and so are kPa for Pa: that is what a hint proposes, where it helps.
 
 use super::Tool;
@@ -306,13 +306,18 @@ pub(super) fn of_places(document: &Document, file: &SceneFile, mesh: &TetMesh) -
             let x = place[axis];
             (low[axis] - x).max(x - high[axis]).max(0.0)
         });
-        Vector3::from(away).norm()
+        // Without an overflow.
+        let most = away.into_iter().fold(0.0, f64::max);
+        match most > 0.0 && most.is_finite() {
+            true => most * (Vector3::from(away) / most).norm(),
+            false => most,
+        }
     };
     let mut warned = Vec::new();
     let mut look = |key: &str, mut places: &mut dyn Iterator<Item = &Spanned<[f64; 3]>>| {
         let far = |place: &&Spanned<[f64; 3]>| {
             let far_m = far_m(place.get_ref());
-            far_m > FARTHEST_M && far_m.is_finite()
+            far_m > FARTHEST_M
         };
         let Some(place) = Iterator::find(&mut places, far) else {
             return;
@@ -412,6 +417,27 @@ pub(super) fn of_ways(document: &Document, file: &SceneFile) -> Vec<Flaw> {
     fast.collect()
 }
 
+/// A warning of a load that stretches tissue to more than twice its size: of force F, modulus E and size L, F / (E L^2) > 1.
+pub(super) fn of_loads(document: &Document, file: &SceneFile, mesh: &TetMesh) -> Vec<Flaw> {
+    let modulus_pa = *file.tissue.youngs_modulus_pa.get_ref();
+    let body_m = size_m(mesh);
+    let loads = file.load.iter().filter_map(|load| {
+        let said = &load.total_force_n;
+        let force_n = Vector3::from(*said.get_ref()).norm();
+        let times = force_n / (modulus_pa * body_m * body_m);
+        if times.is_nan() || times <= 1.0 {
+            return None;
+        }
+        let message = format!(
+            "`total_force_n`: {force_n:.4e} N, which stretches a body of {} and {modulus_pa:e} Pa by about {times:.1} of its size",
+            length(body_m)
+        );
+        let help = "forces are in N, the modulus in Pa: make the load smaller, or the tissue stiffer";
+        Some(document.warning(said.span(), &message, "more than the tissue bears", help))
+    });
+    loads.collect()
+}
+
 /// Young's moduli of the stiffest and the softest tissue \[Pa\]. Fat and brain have some hundred; softer tissue is not felt.
 const SOFT_PA: [f64; 2] = [1e6, 100.0];
 
@@ -440,6 +466,21 @@ pub(super) fn of_softness(document: &Document, modulus: &Spanned<f64>) -> Option
     Some(document.warning(modulus.span(), &message, "too soft to be felt", &help))
 }
 
+/// Young's modulus of tendon \[Pa\]: no tissue that is sutured is stiffer.
+const HARD_PA: f64 = 1e9;
+
+/// A warning of tissue that is stiffer than any.
+fn of_hardness(document: &Document, modulus: &Spanned<f64>) -> Option<Flaw> {
+    let modulus_pa = *modulus.get_ref();
+    if modulus_pa <= HARD_PA || modulus_pa.is_nan() {
+        return None;
+    }
+    let message =
+        format!("youngs_modulus_pa = {modulus_pa:e}: stiffer than {HARD_PA:e} Pa, as no tissue is");
+    let help = "the modulus is in Pa: soft tissue has 1e3 to 1e6";
+    Some(document.warning(modulus.span(), &message, "too stiff", help))
+}
+
 /// A warning of tissue on which a tool is stiffer than a frame can say: a flat punch of radius a feels at least `2 E a`
 /// (Johnson 1985, 3.36).
 pub(super) fn of_stiffness(
@@ -455,7 +496,7 @@ pub(super) fn of_stiffness(
         .fold(0.0, f64::max);
     let stiffness = 2.0 * modulus_pa * radius_m;
     if stiffness <= most {
-        return None;
+        return of_hardness(document, modulus);
     }
     let message = format!(
         "youngs_modulus_pa = {modulus_pa:e}: a tool of {} on it feels up to {stiffness:.0e} N/m, and a frame takes {most:.0e} N/m",

@@ -473,6 +473,13 @@ impl Statistics {
                 self.forceful_steps
             ));
         }
+        let inside = Status::Inside.name();
+        let withheld = self.withheld.iter().filter(|(why, _)| **why != inside);
+        let withheld: u64 = withheld.map(|(_, steps)| steps).sum();
+        let steps = self.steps_ns.count();
+        if withheld as f64 > MOST_SPOILT * steps as f64 && withheld as f64 >= self.enough_steps() {
+            return Some(format!("{withheld} of {steps} steps were withheld"));
+        }
         let is_found = self.forceful_steps > UNDERWAY && self.solved_peak_n > FELT_N;
         if is_found && self.peak_n < FAINT_N {
             return Some(format!(

@@ -101,6 +101,29 @@ pub(super) fn nearest_node(
     })
 }
 
+/// Farthest fixed point from the tissue \[m\].
+const FARTHEST_M: f64 = 2.0;
+
+/// Checks that a fixed point is near the tissue.
+///
+/// # Errors
+/// Its distance from the nearest node and the limit, in words.
+pub(super) fn check_near(mesh: &TetMesh, key: &str, place_m: [f64; 3]) -> Result<(), String> {
+    let place = Vector3::from(place_m);
+    let far = |at: &[f64; 3]| Vector3::from(*at).metric_distance(&place);
+    let far_m = mesh
+        .points_m()
+        .iter()
+        .map(far)
+        .fold(f64::INFINITY, f64::min);
+    match far_m <= FARTHEST_M {
+        true => Ok(()),
+        false => Err(format!(
+            "`{key}` is {far_m:.4} m from the nearest node, and at most {FARTHEST_M} m are taken: lengths are in metres"
+        )),
+    }
+}
+
 /// Longest edge of a mesh's cells \[m\].
 fn longest_edge_m(mesh: &TetMesh) -> f64 {
     let at = |node: u32| Vector3::from(mesh.points_m()[node as usize]);

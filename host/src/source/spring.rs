@@ -3,7 +3,9 @@
 //! Entry point: [`SpringSection`]. With d from end to end and n = d/|d| the tension is T = k (|d| - L). Linearised at the last
 //! solve that is a row along n that gives way by 1/k and, while T > 0, two across that give way by |d|/T, as the force turns.
 
-use super::added::{Added, Kept, Section, append_way, check_between, frame_along, nearest_node};
+use super::added::{
+    Added, Kept, Section, append_way, check_between, check_near, frame_along, nearest_node,
+};
 use super::{Room, Source};
 use crate::anchors::AnchorPoint;
 use crate::mesh::TetMesh;
@@ -47,7 +49,10 @@ impl Section for SpringSection {
         }
         let from = nearest_node(mesh, "from_m", self.from_m)?;
         let to = match self.to_is_fixed {
-            true => None,
+            true => {
+                check_near(mesh, "to_m", self.to_m)?;
+                None
+            }
             false => Some(nearest_node(mesh, "to_m", self.to_m)?),
         };
         if self.from_m == self.to_m || to == Some(from) {
