@@ -4,7 +4,7 @@ use super::bench::*;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use sutura_host::fem::Loads;
 use sutura_host::mesh::{TetMesh, slab};
-use sutura_host::scene::{Document, Pose, Scene, Tissue};
+use sutura_host::scene::{Document, Pose, Scene};
 use sutura_host::script::at_rest;
 use sutura_host::session::SceneSolver;
 use sutura_host::step::{State, Status, StepReport};
@@ -59,7 +59,6 @@ fn step_to(solver: &mut SceneSolver, position_m: [f64; 3], time_s: f64) -> StepR
 /// Drags the ball down in `seconds`; how often it was said to be inside or without balance.
 fn drag(scene: &Scene, [x, y]: [f64; 2], seconds: f64, what: &str) -> u32 {
     let mut solver = SceneSolver::new(scene).expect("a solver");
-    let is_linear = scene.tissue == Tissue::Linear;
     let steps = (seconds * HZ) as u32;
     let (mut hardest_n, mut words) = (0.0f64, 0);
     for number in 0..=steps {
@@ -85,7 +84,7 @@ fn drag(scene: &Scene, [x, y]: [f64; 2], seconds: f64, what: &str) -> u32 {
         );
         let (share, least_n) = FALL;
         assert!(
-            !is_linear || force_n >= hardest_n - f64::max(share * hardest_n, least_n),
+            force_n >= hardest_n - f64::max(share * hardest_n, least_n),
             "{place}: {force_n} N after {hardest_n} N"
         );
         hardest_n = hardest_n.max(force_n);
@@ -93,8 +92,7 @@ fn drag(scene: &Scene, [x, y]: [f64; 2], seconds: f64, what: &str) -> u32 {
     words
 }
 
-/// On a moist surface and without friction, on all tissue with rows. The force may fall without a word on tissue that is not
-/// linear, which is in balance after some steps only. `SUTURA_FULL=1`: everywhere, and as slowly as a hand goes.
+/// On a moist surface and without friction, on all tissue with rows. `SUTURA_FULL=1`: everywhere, and as slowly as a hand goes.
 #[test]
 fn a_ball_that_is_dragged_deep_is_pushed_out_or_said_to_be_inside() {
     let seconds: &[f64] = if full() { &[0.5, 5.0, 50.0] } else { &[0.5] };

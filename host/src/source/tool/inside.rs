@@ -66,43 +66,52 @@ impl Pressing {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Hardest {
     at: Placement,
-    /// Normal force on the tool \[N\], and its direction, unit vector, (3).
-    force_n: f64,
+    /// Normal force on the tool \[N\], (3), and its direction, unit vector, (3).
+    force: Vector3<f64>,
     out: Vector3<f64>,
-    /// Tool position at the last equilibrium \[m\], and its force along `out` there \[N\].
+    /// Tool position at the last equilibrium \[m\], and its force there \[N\], (3).
     last: Placement,
-    last_n: f64,
+    last_force: Vector3<f64>,
 }
 
 impl Hardest {
     fn new(at: &Placement, force: &Vector3<f64>) -> Option<Self> {
-        let out = force.try_normalize(0.0)?;
-        let force_n = force.norm();
         Some(Self {
             at: *at,
-            force_n,
-            out,
+            force: *force,
+            out: force.try_normalize(0.0)?,
             last: *at,
-            last_n: force_n,
+            last_force: *force,
         })
     }
 
     /// Goes on to the next balance. What the force loses while the tool rests is not lost on its way: tissue that is not linear
     /// comes to balance, or another tool goes.
     fn go_on(&mut self, now: &Self) {
-        let now_n = now.out.dot(&self.out) * now.force_n;
         if now.at == self.last {
-            self.force_n -= (self.last_n - now_n).max(0.0);
+            let lost_n = (self.last_force - now.force).dot(&self.out);
+            self.force -= self.out * lost_n.max(0.0);
         }
-        (self.last, self.last_n) = (now.at, now_n);
+        (self.last, self.last_force) = (now.at, now.force);
+    }
+
+    fn way(&self) -> Vector3<f64> {
+        self.last.centre - self.at.centre
+    }
+
+    /// Forces against the way in, the largest and the last \[N\].
+    fn against(&self) -> [f64; 2] {
+        let against = -self.way().try_normalize(0.0).unwrap_or(-self.out);
+        [self.force, self.last_force].map(|force| force.dot(&against))
     }
 
     /// Whether the force has fallen since, and the tool gone straight on in.
     fn has_fallen(&self, turn_m: f64) -> bool {
-        let way = self.last.centre - self.at.centre;
+        let way = self.way();
         let (share, least_n) = FALL;
+        let [most_n, last_n] = self.against();
         -way.dot(&self.out) > self.aside_of(&way, turn_m)
-            && self.last_n < self.force_n - f64::max(share * self.force_n, least_n)
+            && last_n < most_n - f64::max(share * most_n, least_n)
     }
 
     /// Way across the way in \[m\], turns included.
@@ -110,11 +119,12 @@ impl Hardest {
         (way - self.out * way.dot(&self.out)).norm() + turn_m
     }
 
-    /// Whether the tool has gone back since, or aside.
+    /// Whether the force is larger now, or the tool has gone back since, or aside.
     fn is_left(&self, turn_m: f64, aside_m: f64) -> bool {
-        let way = self.last.centre - self.at.centre;
+        let way = self.way();
+        let [most_n, last_n] = self.against();
         let deeper_m = -way.dot(&self.out);
-        deeper_m <= 0.0 || self.aside_of(&way, turn_m) > deeper_m + aside_m
+        last_n >= most_n || deeper_m <= 0.0 || self.aside_of(&way, turn_m) > deeper_m + aside_m
     }
 }
 
@@ -161,7 +171,7 @@ impl ToolContacts {
         if hardest.has_fallen(turn_m) {
             return true;
         }
-        if now.force_n >= hardest.force_n || hardest.is_left(turn_m, ASIDE * solid.radius()) {
+        if hardest.is_left(turn_m, ASIDE * solid.radius()) {
             *hardest = now;
         }
         false
@@ -173,8 +183,9 @@ impl ToolContacts {
         own.all(|contact| contact.is_wall)
     }
 
-    /// Forgets a tool: it starts afresh outside.
+    /// Forgets a tool that tissue has slipped around: it starts afresh outside.
     pub fn forget(&mut self, tool: u32) {
+        self.slipped[tool as usize] = true;
         self.placements[tool as usize] = None;
         self.hardest[tool as usize] = None;
         self.contacts.retain(|contact| contact.tool != tool);
@@ -224,7 +235,7 @@ impl Balance<'_> {
         let count = self.sources.tools.each().len() as u32;
         let found = (0..count).find(|tool| match self.state.tools.count(*tool) {
             0 => self.is_swallowed(model, *tool, ends),
-            _ if self.is_wrapped(model, *tool) => true,
+            _ if self.is_wrapped(*tool) => true,
             _ => self.state.tools.touches_walls_alone(*tool) && self.is_enclosed(model, *tool),
         });
         self.work.tools.slipped = found;
@@ -232,14 +243,14 @@ impl Balance<'_> {
     }
 
     /// Whether the surface has slipped around a tool that touches. Vertices that leave a flat face over its rim lower the force
-    /// without that, and so does tissue that is not linear while it comes to balance.
-    fn is_wrapped(&mut self, model: &Model, tool: u32) -> bool {
+    /// without that.
+    fn is_wrapped(&mut self, tool: u32) -> bool {
         let tools = &self.sources.tools;
         let at_rest = self.state.tools.pressed(tools, tool, &Matrix3::identity());
         let falls = self.state.tools.falls(tools, tool, &at_rest.force);
         let shape = &tools.each()[tool as usize].tool.shape;
         let is_round = matches!(shape, Shape::Sphere { .. } | Shape::Capsule { .. });
-        let least = at_rest.least(is_round, falls && model.body.is_linear());
+        let least = at_rest.least(is_round, falls);
         if at_rest.total == 0.0 || at_rest.outwardness() >= least {
             return false;
         }

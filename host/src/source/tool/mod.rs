@@ -164,6 +164,9 @@ pub(crate) struct ToolContacts {
     /// Largest force on each tool on its way in, and its place.
     #[serde(skip)]
     hardest: [Option<Hardest>; MAX_TOOLS],
+    /// Whether tissue has slipped around each tool, which has not left it since.
+    #[serde(skip)]
+    slipped: [bool; MAX_TOOLS],
 }
 
 impl TouchingTools {
@@ -300,6 +303,7 @@ impl ToolContacts {
             slack_m: vec![0.0; tools.groups],
             friction_j: 0.0,
             hardest: [None; MAX_TOOLS],
+            slipped: [false; MAX_TOOLS],
         }
     }
 
@@ -348,6 +352,7 @@ impl ToolContacts {
         self.slack_m.clone_from(&other.slack_m);
         self.friction_j = other.friction_j;
         self.hardest = other.hardest;
+        self.slipped = other.slipped;
     }
 
     /// Puts the tools where they shall be; one that goes nowhere lets go.

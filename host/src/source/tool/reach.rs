@@ -142,7 +142,7 @@ impl ToolContacts {
     }
 
     /// Brings tools that were nowhere before to where their ways to `targets` begin: outside tissue at rest. Whether there
-    /// is such a place for all of them.
+    /// is such a place for all of them. A tool that tissue has slipped around has none before its cores are outside.
     pub fn bring_in(
         &mut self,
         tools: &TouchingTools,
@@ -154,6 +154,10 @@ impl ToolContacts {
                 continue;
             };
             let solid = tools.solid(tool, target);
+            if self.slipped[tool] && solid.cores().iter().any(&contains) {
+                return false;
+            }
+            self.slipped[tool] = false;
             let Some(out) = way_in(&solid, |solid| tools.nearest_at_rest(solid), &contains) else {
                 return false;
             };
