@@ -10,6 +10,9 @@ use nalgebra::Vector3;
 
 /// Pieces that one step follows.
 const MAX_PIECES: u32 = 32;
+/// The same of tools alone on tissue that is not linear: a pass has the tissue as it was at its beginning, and a tool that went far
+/// in one would feel what linear tissue gives.
+const MAX_PIECES_OF_A_PASS: u32 = 4;
 /// Times that a piece without balance is halved before the step gives up.
 const MAX_HALVINGS: i32 = 3;
 
@@ -24,6 +27,11 @@ pub(super) fn follow(model: &Model, balance: &mut Balance, targets: &Targets) ->
         let contains = |at: &Vector3<f64>| model.contains(at);
         sources.tools.are_free(&targets.tools, contains)
             && balance.state.tools.lead_out(&sources.tools, &targets.tools)
+    };
+    let tools_alone = !sources.tools.is_empty() && !sources.reach_inside();
+    let most = match tools_alone && !model.body.is_linear() {
+        true => MAX_PIECES_OF_A_PASS,
+        false => MAX_PIECES,
     };
     let mut halvings = 0;
     let mut done = 0.0;
@@ -61,7 +69,7 @@ pub(super) fn follow(model: &Model, balance: &mut Balance, targets: &Targets) ->
             }
             Err(status) => return status,
         }
-        if balance.report.substeps >= MAX_PIECES {
+        if balance.report.substeps >= most {
             if lead_out(balance) {
                 balance.state.tools.let_go();
                 return jump(model, balance, &ends, 1.0);

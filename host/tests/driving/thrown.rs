@@ -56,3 +56,67 @@ fn a_needle_that_is_thrown_through_tissue_spends_no_more_than_a_slow_one() {
         );
     }
 }
+
+/// A ball goes from above a soft slab to 8 mm deep beside its middle in so many steps, and stays there for twenty; its force \[N\],
+/// (3), the stored energy \[J\], and whether a step on the way was `behind`.
+fn pressed(law: &str, steps: u32) -> ([f64; 3], f64, bool) {
+    let text = format!(
+        r#"
+[mesh.slab]
+size_m = [0.08, 0.08, 0.03]
+divisions = [12, 12, 5]
+[tissue]
+model = "{law}"
+youngs_modulus_pa = 15e3
+poisson_ratio = 0.45
+[[fixed]]
+plane = {{ axis = "z", at_m = -0.03 }}
+[[tool]]
+radius_m = 0.014
+"#
+    );
+    let document = Document::embedded("thrown.toml", "".as_ref(), &text);
+    let scene = Scene::read(&document, "thrown").expect("good");
+    let mut solver = SceneSolver::new(&scene).expect("a solver");
+    let (from_m, to_m) = ([0.0, 0.0, 0.05], [0.0021, 0.0013, 0.006]);
+    let mut was_behind = false;
+    for number in 0..=steps + 20 {
+        let part = f64::from(number.min(steps)) / f64::from(steps);
+        let along = |axis: usize| from_m[axis] + (to_m[axis] - from_m[axis]) * part;
+        let pose = Pose {
+            position_m: [0, 1, 2].map(along),
+            orientation: [0.0, 0.0, 0.0, 1.0],
+        };
+        let mut sample = at_rest(0, &pose);
+        sample.console_time_us = 5000 * u64::from(number);
+        for _ in 0..100 {
+            let report = solver.step(sample);
+            match report.status {
+                Status::Ok => break,
+                Status::Waiting | Status::Behind => was_behind = true,
+                other => panic!("{law} in {steps} steps: {other:?}"),
+            }
+        }
+    }
+    let report = solver.last();
+    let [x, y, z, ..] = report.contacts()[0].wrench;
+    ([x, y, z], report.stored_energy_j, was_behind)
+}
+
+/// On tissue that is not linear a step follows a tool by its radius, and no farther: what it feels then is what it feels on the same
+/// way in small steps.
+#[test]
+fn a_ball_that_is_thrown_at_tissue_feels_what_a_slow_one_does() {
+    for law in ["linear", "corotational", "hyperelastic"] {
+        let (slow, slow_j, was_behind) = pressed(law, 200);
+        assert!(!was_behind, "{law}");
+        let (thrown, thrown_j, was_behind) = pressed(law, 1);
+        println!("{law}: {slow:?} N, {slow_j} J; thrown {thrown:?} N, {thrown_j} J");
+        assert_eq!(was_behind, law != "linear", "{law}");
+        assert!(
+            (thrown[2] / slow[2] - 1.0).abs() < 0.05,
+            "{law}: {thrown:?} {slow:?}"
+        );
+        assert!(thrown_j < 1.05 * slow_j, "{law}: {thrown_j} {slow_j}");
+    }
+}
