@@ -667,6 +667,54 @@ fn packed_arrays_are_unpacked_no_further_than_cells_need() {
     assert!(memory < MOST_MEMORY, "{memory} bytes");
 }
 
+/// An array with the name of one of regions and other numbers shuts no `.vtu` out, and one of whole numbers is read in its place.
+#[test]
+fn arrays_of_fractions_are_no_regions() {
+    let array = |kind: &str, name: &str, text: &str| {
+        format!("<DataArray type=\"{kind}\" Name=\"{name}\">{text}</DataArray>")
+    };
+    let cells = [
+        array("Int32", "connectivity", "0 1 2 3 1 2 3 4"),
+        array("Int32", "offsets", "4 8"),
+        array("UInt8", "types", "10 10"),
+    ];
+    let corners = "0 0 0 1 0 0 0 1 0 0 0 1 1 1 1";
+    let heat = array("Float32", "material", "0.5 2");
+    let none = array("Float64", "tissue", "nan 1");
+    let packed = |name: &str, values: [f64; 2]| {
+        let bytes: Vec<u8> = values.into_iter().flat_map(f64::to_le_bytes).collect();
+        packed("Float64", name, &bytes)
+    };
+    for (data, regions) in [
+        (heat.clone(), [0, 0]),
+        (packed("region", [1.0, 0.25]), [0, 0]),
+        (
+            [heat.clone(), none, array("Int16", "labels", "3 4")].concat(),
+            [3, 4],
+        ),
+        (
+            [packed("region", [1.0, 0.25]), packed("mat", [7.0, 8.0])].concat(),
+            [7, 8],
+        ),
+    ] {
+        let parts = [
+            ("CellData", data.clone()),
+            ("Points", array("Float64", "Points", corners)),
+            ("Cells", cells.concat()),
+        ];
+        let bytes = vtu(5, 2, &parts);
+        let read =
+            |name| read_raw_mesh_with(Path::new("a.vtu"), 1.0, name, |_: &Path| Ok(bytes.clone()));
+        let mesh = read(None).expect("a good file");
+        assert_eq!(mesh.regions, regions, "{data}");
+        let told = mesh.notes.join("\n");
+        assert!(
+            told.contains("numbers that are not whole: it is passed over"),
+            "{told}"
+        );
+    }
+}
+
 /// Regions of `.vtu` by the array's name; pieces that have none are in region 0.
 #[test]
 fn regions_are_those_of_a_named_array() {

@@ -63,17 +63,23 @@ pub(super) struct Head<'a> {
     pub is_whole: bool,
 }
 
+/// A cell array with a number for each cell.
+#[derive(Debug)]
+struct Known {
+    name: String,
+    /// Rank of the name among those that regions have: the least is the best; none for another.
+    rank: Option<u8>,
+    is_whole: bool,
+    /// Whether it has numbers that are no regions.
+    is_passed: bool,
+}
+
 /// Cell arrays of a file, as they come.
 #[derive(Debug, Default)]
 pub(super) struct RegionArrays {
     /// The name that the user gives.
     wanted: Option<String>,
-    /// The array that has the regions so far, and how well its name fits: the least is the best.
-    taken: Option<(String, u8)>,
-    /// Others of whole numbers.
-    unused: Vec<String>,
-    /// All with a number for each cell.
-    known: Vec<String>,
+    known: Vec<Known>,
 }
 
 impl RegionArrays {
@@ -97,29 +103,43 @@ impl RegionArrays {
 
     /// Whether the regions are those of this array, in place of one that came before; of equals the first.
     pub fn takes(&mut self, array: Head<'_>) -> bool {
-        if array.width != 1 {
+        let is_known = self.known.iter().any(|known| known.name == array.name);
+        if array.width != 1 || is_known {
             return false;
         }
-        let name = array.name.to_owned();
-        if !self.known.contains(&name) {
-            self.known.push(name.clone());
-        }
-        let rank = self.rank(&name);
-        let best = self.taken.as_ref().map(|(_, rank)| *rank);
-        let is_better = rank.is_some_and(|rank| best.is_none_or(|best| rank < best));
-        let other = match (is_better, rank) {
-            (true, Some(rank)) => self.taken.replace((name, rank)).map(|(other, _)| other),
-            _ => array.is_whole.then_some(name),
-        };
-        let is_taken = |name: &String| self.taken.as_ref().is_some_and(|(taken, _)| taken == name);
-        self.unused
-            .extend(other.filter(|name| !is_taken(name) && !self.unused.contains(name)));
-        is_better
+        self.known.push(Known {
+            name: array.name.to_owned(),
+            rank: self.rank(array.name),
+            is_whole: array.is_whole,
+            is_passed: false,
+        });
+        self.taken() == Some(array.name)
+    }
+
+    fn best(&self) -> Option<(u8, usize)> {
+        let known = self.known.iter().enumerate();
+        let ranked = known.filter(|(_, known)| !known.is_passed);
+        ranked
+            .filter_map(|(index, known)| Some((known.rank?, index)))
+            .min()
     }
 
     /// The name of the array that has the regions.
     pub fn taken(&self) -> Option<&str> {
-        self.taken.as_ref().map(|(name, _)| name.as_str())
+        self.best()
+            .map(|(_, index)| self.known[index].name.as_str())
+    }
+
+    /// Whether the user names the array: then each of its numbers must be a region.
+    pub fn is_named(&self) -> bool {
+        self.wanted.is_some()
+    }
+
+    /// Passes over the array that is taken, as it has numbers that are no regions: the next best is taken.
+    pub fn pass_over(&mut self) {
+        if let Some((_, index)) = self.best() {
+            self.known[index].is_passed = true;
+        }
     }
 
     /// Notes about the arrays.
@@ -127,18 +147,34 @@ impl RegionArrays {
     /// # Errors
     /// [`MeshError::NoCellArray`], without the one that the user names.
     pub fn end(self) -> Result<Vec<String>, MeshError> {
-        if let (Some(wanted), None) = (&self.wanted, &self.taken) {
-            return Err(no_array(wanted, &self.known));
+        let taken = self.best();
+        if let (Some(wanted), None) = (&self.wanted, taken) {
+            let known: Vec<_> = self.known.into_iter().map(|known| known.name).collect();
+            return Err(no_array(wanted, &known));
         }
-        let guessed = self.taken.iter().filter(|(_, rank)| *rank > 0);
-        let guessed =
-            guessed.map(|(name, _)| format!("regions are those of the cell array `{name}`"));
-        let unused = self.unused.iter().map(|name| {
-            format!(
+        let note = |(
+            index,
+            Known {
+                name,
+                is_whole,
+                is_passed,
+                ..
+            },
+        ): (usize, &Known)| {
+            match taken {
+            Some((0, best)) if best == index => None,
+            Some((_, best)) if best == index => {
+                Some(format!("regions are those of the cell array `{name}`"))
+            }
+            _ if *is_passed => Some(format!(
+                "the cell array `{name}` has the name of one of regions, and numbers that are not whole: it is passed over"
+            )),
+            _ => is_whole.then(|| format!(
                 "the cell array `{name}` of whole numbers is not used: `--region {name}`, in a scene `region_array = \"{name}\"`, takes it for the regions"
-            )
-        });
-        Ok(guessed.chain(unused).collect())
+            )),
+        }
+        };
+        Ok(self.known.iter().enumerate().filter_map(note).collect())
     }
 }
 
@@ -182,8 +218,8 @@ mod tests {
         );
         assert_eq!(name.as_deref(), Some("Region"));
         let told: Vec<_> = notes.iter().map(|n| n.split('`').nth(1)).collect();
-        assert_eq!(told, [Some("ids"), Some("MAT_ID"), Some("labels")]);
-        assert!(notes[0].contains("--region ids"), "{notes:?}");
+        assert_eq!(told, [Some("labels"), Some("ids"), Some("MAT_ID")]);
+        assert!(notes[1].contains("--region ids"), "{notes:?}");
         for one in ["labels", "mat_id", "Subdomain-Id", "tetgen:ref"] {
             let (name, notes) = taken(None, &[one]);
             assert_eq!(name.as_deref(), Some(one));

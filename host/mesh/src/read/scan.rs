@@ -366,7 +366,8 @@ impl<'a> Scan<'a> {
         Ok(at)
     }
 
-    fn no(&self, number: Number, what: &str) -> MeshError {
+    /// The error of a number that may not stand here.
+    pub fn no(&self, number: Number, what: &str) -> MeshError {
         let found = match number {
             Number::Whole(x) => x.to_string(),
             Number::Real(x) => format!("{x}"),

@@ -270,15 +270,26 @@ impl Grid {
             let cells = format!("a region for each of {} cells", self.kinds.len());
             return Err(file.expected(&cells, &tuples.to_string()));
         }
-        if has_regions {
-            self.regions.clear();
-        }
+        let (mut regions, mut is_passed) = (Vec::new(), false);
         for _ in 0..tuples.saturating_mul(width) {
-            if has_regions {
-                self.regions.push(file.region(kind, "a cell's region")?);
-            } else {
+            if !has_regions {
                 file.real(kind, &what)?;
+                continue;
             }
+            let number = file.number(kind, "a cell's region")?;
+            match number.region() {
+                Some(region) => regions.push(region),
+                None if self.arrays.is_named() => {
+                    return Err(file.no(number, "a cell's region, a whole number"));
+                }
+                // It has the name alone: a fraction in it makes no file a bad one.
+                None => is_passed = true,
+            }
+        }
+        match (has_regions, is_passed) {
+            (true, true) => self.arrays.pass_over(),
+            (true, false) => self.regions = regions,
+            _ => {}
         }
         Ok(())
     }
@@ -392,6 +403,59 @@ mod tests {
         let told = mesh.notes.join("\n");
         for name in ["--region my ids", "--region labels"] {
             assert!(told.contains(name), "{name}: {told}");
+        }
+    }
+
+    /// A probability or a modulus under a name that regions have shuts no file out; a name that is given has to have regions.
+    #[test]
+    fn arrays_that_have_fractions_are_passed_over() {
+        let array = |name: &str, values: &str| format!("{name} 1 3 float\n{values}\n");
+        let (whole, half, none) = ("1 2 3", "0.5 0.7 1", "nan 2 3");
+        for (arrays, regions, passed) in [
+            (vec![array("tissue", half)], [0, 0], &["tissue"][..]),
+            (vec![array("region", none)], [0, 0], &["region"]),
+            (
+                vec![array("tissue", half), array("labels", whole)],
+                [2, 3],
+                &["tissue"],
+            ),
+            (
+                vec![array("labels", whole), array("Region", half)],
+                [2, 3],
+                &["Region"],
+            ),
+            (
+                vec![
+                    array("mat", none),
+                    array("material", half),
+                    array("labels", whole),
+                ],
+                [2, 3],
+                &["mat", "material"],
+            ),
+        ] {
+            let data = format!(
+                "CELL_DATA 3\nFIELD FieldData {}\n{}",
+                arrays.len(),
+                arrays.concat()
+            );
+            let text = format!("{OLD}{data}");
+            let mesh = read_vtk(text.as_bytes(), None).expect("a good file");
+            assert_eq!(mesh.regions, regions, "{data}");
+            for name in passed {
+                let said = format!(
+                    "`{name}` has the name of one of regions, and numbers that are not whole"
+                );
+                assert!(
+                    mesh.notes.iter().any(|note| note.contains(&said)),
+                    "{:?}",
+                    mesh.notes
+                );
+                let error = read_vtk(text.as_bytes(), Some(name))
+                    .expect_err("a fraction")
+                    .to_string();
+                assert!(error.contains("a cell's region, a whole number"), "{error}");
+            }
         }
     }
 

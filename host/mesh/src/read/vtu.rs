@@ -61,9 +61,10 @@ pub(super) fn read_vtu(bytes: &[u8], region_array: Option<&str>) -> Result<RawMe
     for array in pieces.iter().flat_map(|piece| arrays(*piece, "CellData")) {
         grid.arrays.takes(head(array));
     }
-    for piece in pieces {
-        file.piece(piece, &mut grid)?;
+    for piece in &pieces {
+        file.piece(*piece, &mut grid)?;
     }
+    file.regions(&pieces, &mut grid)?;
     let end = file.place(root);
     grid.into_mesh(end)
 }
@@ -238,7 +239,7 @@ impl<'d> File<'d> {
         count.map_err(|_| self.expected(piece, &format!("{key}, a number from 0 up"), text))
     }
 
-    /// Adds the cells, points and regions of a piece.
+    /// Adds the cells and points of a piece.
     fn piece(&self, piece: Node<'d, 'd>, grid: &mut Grid) -> Result<(), MeshError> {
         let (points, cells) = (
             self.count(piece, "NumberOfPoints")?,
@@ -254,7 +255,7 @@ impl<'d> File<'d> {
         let coordinates = arrays(piece, "Points").next();
         let coordinates = coordinates.ok_or(MeshError::NoSection("Points"))?;
 
-        let (at, cells_before) = (self.place(types), grid.kinds.len());
+        let at = self.place(types);
         self.each(types, Wanted::exactly(cells, "types"), |number| {
             let kind = number.index();
             kind.map(|kind| grid.kinds.push((kind, at))).is_some()
@@ -295,15 +296,36 @@ impl<'d> File<'d> {
             }
             true
         })?;
-        grid.regions.resize(cells_before, 0);
-        let named = arrays(piece, "CellData").find(|array| {
-            head(*array).width == 1 && grid.arrays.taken() == array.attribute("Name")
-        });
-        if let Some(regions) = named.filter(|_| grid.arrays.taken().is_some()) {
-            self.each(regions, Wanted::exactly(cells, "regions"), |number| {
-                let region = number.region();
-                region.map(|region| grid.regions.push(region)).is_some()
-            })?;
+        Ok(())
+    }
+
+    /// Reads the regions of all pieces, from the best array that has nothing else.
+    fn regions(&self, pieces: &[Node<'d, 'd>], grid: &mut Grid) -> Result<(), MeshError> {
+        while let Some(name) = grid.arrays.taken().map(str::to_owned) {
+            let (mut regions, mut is_passed) = (Vec::new(), false);
+            for piece in pieces {
+                let cells = self.count(*piece, "NumberOfCells")?;
+                let is_it = |array: &Node<'_, '_>| {
+                    let head = head(*array);
+                    head.width == 1 && head.name == name
+                };
+                if let Some(array) = arrays(*piece, "CellData").find(is_it) {
+                    self.each(array, Wanted::exactly(cells, "regions"), |number| {
+                        let region = number.region();
+                        is_passed |= region.is_none();
+                        regions.push(region.unwrap_or(0));
+                        region.is_some() || !grid.arrays.is_named()
+                    })?;
+                } else {
+                    // As many as there are types.
+                    regions.resize(regions.len() + cells as usize, 0);
+                }
+            }
+            if !is_passed {
+                grid.regions = regions;
+                break;
+            }
+            grid.arrays.pass_over();
         }
         Ok(())
     }
