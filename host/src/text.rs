@@ -52,23 +52,30 @@ pub fn utf8(bytes: Vec<u8>) -> Result<String, NotText> {
     })
 }
 
-/// A text as a terminal may have it, whatever names and lines of files are in it: letters that would steer it are written out.
-/// Ends of lines and tabs stay.
+/// A text as a terminal may have it, whatever names and lines of files are in it: letters that would steer it, end a line or turn
+/// the order of others around are written out. Ends of lines and tabs stay.
 pub fn escaped(text: &str) -> String {
     with_steering(text, |letter, shown| shown.extend(letter.escape_default()))
 }
 
-/// Escapes a text in JSON: control characters become JSON escapes, and the values stay the same.
+/// Escapes a text in JSON: the same letters become JSON escapes, and the values stay the same.
 pub fn escaped_json(text: &str) -> String {
     with_steering(text, |letter, shown| {
         *shown += &format!("\\u{:04x}", u32::from(letter));
     })
 }
 
+/// Whether a letter steers a terminal, ends a line (U+2028, U+2029), or changes the direction in which the letters beside it are
+/// shown (Unicode's bidirectional controls, and those that were taken out of use).
+fn steers(letter: char) -> bool {
+    let turns = matches!(letter, '\u{061c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{206f}');
+    turns || (letter.is_control() && !matches!(letter, '\t' | '\n'))
+}
+
 fn with_steering(text: &str, write: impl Fn(char, &mut String)) -> String {
     let mut shown = String::with_capacity(text.len());
     for letter in text.chars() {
-        match letter.is_control() && !matches!(letter, '\t' | '\n') {
+        match steers(letter) {
             true => write(letter, &mut shown),
             false => shown.push(letter),
         }
@@ -125,6 +132,22 @@ mod tests {
         assert_eq!(escaped(csi), "a\\u{9b}2J\\u{7f}\tb\n");
         assert_eq!(escaped_json("\"\u{9b}\u{7f}\""), r#""\u009b\u007f""#);
         assert_eq!(escaped(&"x".repeat(5000)).len(), 5000);
+        // The name of a file that seems to end in `.txt`, and lines that end where none should.
+        let turned = "\u{202e}txt.mcap\u{2066}a\u{2028}b\u{2029}\u{200f}\u{61c}";
+        let shown = escaped(turned);
+        assert_eq!(
+            shown,
+            r"\u{202e}txt.mcap\u{2066}a\u{2028}b\u{2029}\u{200f}\u{61c}"
+        );
+        assert_eq!(
+            escaped_json(turned),
+            shown
+                .replace('{', "")
+                .replace('}', "")
+                .replace("u61c", "u061c")
+        );
+        let words = "\u{5e9}\u{5dc} \u{e9}\u{200d}\u{1f44d}";
+        assert_eq!(escaped(words), words, "words of other scripts stay");
         let (good, short) = ("cannot read `ä`: no", "y".repeat(MOST_LETTERS));
         assert_eq!((harmless(good), harmless(&short)), (good.to_owned(), short));
     }

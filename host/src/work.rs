@@ -1,6 +1,6 @@
 //! Work that may take seconds, told as it is begun: what it is, and how large; and how it is ended early.
 //!
-//! Entry points: [`TARGET`], [`stop_with`]. It is told as `tracing` events, whose fields are the [`WHAT`] and [`SIZE`] of the work or, while
+//! Entry points: [`begin`], [`TARGET`], [`stop_with`]. It is told as `tracing` events, whose fields are the [`WHAT`] and [`SIZE`] of the work or, while
 //! it goes on, [`DONE`] parts [`OF`] so many; whoever shows progress listens, and nobody pays who does not.
 
 use std::cell::RefCell;
@@ -37,7 +37,7 @@ pub(crate) fn is_stopped() -> bool {
 }
 
 /// Says that something is begun that may take long.
-pub(crate) fn begin(what: &'static str, size: impl FnOnce() -> String) {
+pub fn begin(what: &'static str, size: impl FnOnce() -> String) {
     if tracing::enabled!(target: TARGET, tracing::Level::INFO) {
         tracing::info!(target: TARGET, what, size = size());
     }

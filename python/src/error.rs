@@ -71,9 +71,9 @@ pub fn of_scene(error: &sutura_host::scene::SceneError) -> PyErr {
 /// A scene without a solver, or without a balance where its tools are held.
 pub fn of_solve(error: &session::SolveError) -> PyErr {
     match error {
-        session::SolveError::NoRest(_)
-        | session::SolveError::NoRoom { .. }
-        | session::SolveError::NoWay { .. } => SolveError::new_err(text(error)),
+        session::SolveError::NoRest(_) | session::SolveError::NoWay { .. } => {
+            SolveError::new_err(text(error))
+        }
         _ => SceneError::new_err(text(error)),
     }
 }

@@ -4,6 +4,7 @@ use crate::array::give;
 use crate::error;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
+use std::ffi::OsString;
 use std::path::PathBuf;
 use std::sync::Arc;
 use sutura_host::scene::{self, Document, Sources};
@@ -14,7 +15,7 @@ pub struct Scene {
     pub(crate) inner: Arc<scene::Scene>,
     /// Its text, and the files that it names.
     pub(crate) sources: Sources,
-    /// Files that it was read from.
+    /// Files that it was read from, by absolute paths.
     pub(crate) read: Vec<PathBuf>,
     warnings: Vec<String>,
 }
@@ -22,12 +23,14 @@ pub struct Scene {
 impl Scene {
     fn read(
         py: Python<'_>,
+        before: Vec<PathBuf>,
         document: impl FnOnce() -> Result<Document, scene::SceneError> + Send,
     ) -> PyResult<Self> {
         let read = py.detach(|| {
             let document = document()?;
             let scene = scene::read(&document)?;
-            Ok((scene, document.sources(), document.paths()))
+            let files = before.into_iter().chain(document.paths()).collect();
+            Ok((scene, document.sources(), files))
         });
         let (mut inner, sources, files) =
             read.map_err(|error: scene::SceneError| error::of_scene(&error))?;
@@ -47,14 +50,16 @@ impl Scene {
     #[staticmethod]
     #[pyo3(text_signature = "(path)")]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        Self::read(py, || Document::read(&path))
+        Self::read(py, Vec::new(), || Document::read(&path))
     }
 
     /// Reads the text of a scene file; paths in it begin at `directory`.
     #[staticmethod]
     #[pyo3(signature = (text, *, directory = PathBuf::new(), name = "scene.toml"))]
     fn from_toml(py: Python<'_>, text: &str, directory: PathBuf, name: &str) -> PyResult<Self> {
-        Self::read(py, || Ok(Document::embedded(name, &directory, text)))
+        Self::read(py, Vec::new(), || {
+            Ok(Document::embedded(name, &directory, text))
+        })
     }
 
     /// For people.
@@ -180,30 +185,44 @@ impl Scene {
         )
     }
 
-    /// A scene is its text and its files, wherever it goes.
+    /// A scene is its text and its files, wherever it goes; and what those were read from is written over nowhere.
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, Parts<'py>)> {
         let rebuild = slf.py().get_type::<Self>().getattr("_from_parts")?;
         let Sources { name, text, files } = slf.get().sources.clone();
+        let read = slf
+            .get()
+            .read
+            .iter()
+            .map(|path| path.clone().into_os_string());
+        let read = read.collect();
         let files = files.into_iter();
         let files = files
             .map(|(path, bytes)| (path, PyBytes::new(slf.py(), &bytes)))
             .collect();
-        Ok((rebuild, (name, text, files)))
+        Ok((rebuild, (name, text, files, read)))
     }
 
     #[staticmethod]
+    #[pyo3(signature = (name, text, files, read = Vec::new()))]
     fn _from_parts(
         py: Python<'_>,
         name: String,
         text: String,
         files: Vec<(String, Vec<u8>)>,
+        read: Vec<OsString>,
     ) -> PyResult<Self> {
+        let read = read.into_iter().map(PathBuf::from).collect();
         let files = files.into_iter().collect();
-        Self::read(py, || {
+        Self::read(py, read, || {
             Ok(Document::from_sources(&Sources { name, text, files }))
         })
     }
 }
 
-/// Name, text, files by their paths.
-type Parts<'py> = (String, String, Vec<(String, Bound<'py, PyBytes>)>);
+/// Name, text, files by their paths, and the paths that it was read from.
+type Parts<'py> = (
+    String,
+    String,
+    Vec<(String, Bound<'py, PyBytes>)>,
+    Vec<OsString>,
+);

@@ -8,12 +8,14 @@ use pyo3::prelude::*;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use sutura_files::is_same;
+use sutura_files::{is_same, may_write};
 use sutura_hil::{NativeConsole, VirtualConsole};
 use sutura_host::link::{LinkOptions, Port, drain, knock, open_serial};
-use sutura_host::recording::replay::{NativeTicks, Report, replay_console, replay_host_while};
+use sutura_host::recording::replay::{
+    HostVerdict, NativeTicks, Report, compare_contacts, replay_console, replay_host_while,
+};
 use sutura_host::recording::{
-    About, Recorder, Recording, RecordingError, Tap, TappedConsole, TappedPort, TappedSolver,
+    About, Begins, Recorder, Recording, RecordingError, Tap, TappedConsole, TappedPort, TappedSolver,
 };
 use sutura_host::scene::{self, LONGEST_S, Tissue};
 use sutura_host::session::{
@@ -80,6 +82,9 @@ fn may_record(file: &Path, scene: &Scene, overwrite: bool) -> PyResult<()> {
             "record is {shown}, the same file as {}, which the scene is read from: name another file",
             read.display()
         ));
+    }
+    if let Err(error) = may_write(file) {
+        return said(format!("record is {shown}: {error}"));
     }
     let found = file.metadata();
     if !overwrite && found.is_ok_and(|found| found.is_file() && found.len() > 0) {
@@ -196,18 +201,26 @@ pub fn replay_session(py: Python<'_>, path: PathBuf, build: String) -> PyResult<
         let about = &recording.about;
         let here = About::here(build, &about.plan, &about.tissue);
         let console = replay_console(&recording, &mut NativeTicks::new(&about.plan.device));
-        let scene = recording.scene().map_err(|error| error::of_scene(&error))?;
-        let plan = about.plan;
-        let solver =
-            Python::attach(|py| error::apart(py, move || SceneSolver::for_session(&scene, &plan)))?;
-        let mut solver = solver.map_err(|error| error::of_solve(&error))?;
-        let mut watch = Watch::default();
-        let same_bits = about.same_bits(&here);
-        let host = replay_host_while(&recording, &mut solver, same_bits, |_, _| watch.then());
-        watch.end()?;
+        let host = match about.begins {
+            Begins::Later => compare_contacts(&recording),
+            Begins::Session => replay_solves(&recording, about.same_bits(&here))?,
+        };
         let report = Report::of(&path, &recording, &console, &host);
         serde_json::to_string(&report).map_err(|error| Error::new_err(error.to_string()))
     })
+}
+
+/// Runs the solver's steps of a recording again.
+fn replay_solves(recording: &Recording, same_bits: bool) -> PyResult<HostVerdict> {
+    let scene = recording.scene().map_err(|error| error::of_scene(&error))?;
+    let plan = recording.about.plan;
+    let solver =
+        Python::attach(|py| error::apart(py, move || SceneSolver::for_session(&scene, &plan)))?;
+    let mut solver = solver.map_err(|error| error::of_solve(&error))?;
+    let mut watch = Watch::default();
+    let verdict = replay_host_while(recording, &mut solver, same_bits, |_, _| watch.then());
+    watch.end()?;
+    Ok(verdict)
 }
 
 fn of_recording(error: &RecordingError) -> PyErr {

@@ -418,7 +418,8 @@ fn judge(report: &Report, port: &str, out: Option<&Path>, global: &Global) -> Re
         .collect();
     let json = global.format == Format::Json;
     if json {
-        let status = if failed.is_empty() { "ok" } else { "failed" };
+        let is_good = failed.is_empty() && written.is_ok();
+        let status = if is_good { "ok" } else { "failed" };
         crate::display::object(&Tested {
             status,
             port,
@@ -453,7 +454,8 @@ fn keep(report: &Report, path: &Path) -> Result<(), Failure> {
         format!("{verdict} {} {}\n", found.name, found.figure)
     };
     let text: String = report.checks.iter().map(line).collect();
-    std::fs::write(path, text).map_err(|error| crate::files::unwritable(path, &error))
+    let written = sutura_files::write_whole(path, text.as_bytes());
+    written.map_err(|error| crate::files::unwritable(path, &error))
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ use crate::tables::{Kept, csv, write_pictures};
 use crate::{Format, Global};
 use clap::Args;
 use std::path::{Path, PathBuf};
+use sutura_files::write_whole;
 use sutura_shared::device::DeviceError;
 use sutura_study::INTERRUPTED;
 use sutura_study::fidelity::case::{Case, Scenes};
@@ -138,6 +139,9 @@ pub fn run(args: &FidelityArgs, global: &Global) -> Result<(), Failure> {
         Some(directory) => write_files(&report, directory),
         None => Ok(()),
     };
+    if let Err(failure) = &written {
+        report.status = failure.cause.word();
+    }
     match global.format {
         Format::Json => crate::display::object(&report),
         Format::Text => print_text(&report),
@@ -415,7 +419,7 @@ fn failures(mutant: &Mutant) -> String {
 fn write_files(report: &Report, directory: &Path) -> Result<(), Failure> {
     let write = |name: &str, text: String| {
         let path = directory.join(name);
-        std::fs::write(&path, text).map_err(|error| unwritable(&path, &error))
+        write_whole(&path, text.as_bytes()).map_err(|error| unwritable(&path, &error))
     };
     let json = serde_json::json!(report);
     write("fidelity.json", json.to_string())?;

@@ -60,6 +60,8 @@ pub fn completions(args: &CompletionsArgs, mut command: Command) -> Result<(), F
 /// If the folder cannot be made or written.
 pub fn man(args: &ManArgs, command: Command) -> Result<(), Failure> {
     let folder = &args.folder;
+    let is_page = |name: &str| name.starts_with("sutura") && name.ends_with(".1");
+    crate::files::never_into(folder, is_page, &[])?;
     let written = std::fs::create_dir_all(folder)
         .and_then(|()| clap_mangen::generate_to(command.disable_help_subcommand(true), folder))
         .and_then(|()| Ok(std::fs::read_dir(folder)?.count()));

@@ -149,7 +149,7 @@ pub fn file(args: &RunArgs) -> Option<PathBuf> {
 /// A failure of a recording.
 pub fn failure(error: RecordingError) -> Failure {
     let cause = match &error {
-        RecordingError::Unwritable { .. } => Cause::Failed,
+        RecordingError::Unwritable { kind, .. } => crate::files::cause(*kind),
         RecordingError::OtherProtocol { .. }
         | RecordingError::OtherConsole { .. }
         | RecordingError::Unreadable { .. }

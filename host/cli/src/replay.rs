@@ -3,12 +3,12 @@
 use crate::failure::{Cause, Failure};
 use crate::recording::{build, failure};
 use crate::run::positive;
-use crate::series::{SERIES_HZ, Series};
+use crate::series::{self, SERIES_HZ, Series};
 use crate::{Format, Global, display, files};
 use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
 use sutura_host::recording::replay::{
-    ConsoleVerdict, HostVerdict, NativeTicks, Replayed, Report, compare_contacts, replay_console,
+    ConsoleVerdict, HostVerdict, NativeTicks, Outcome, Replayed, Report, compare_contacts, replay_console,
     replay_host,
 };
 use sutura_host::recording::{About, Begins, End, Recording};
@@ -79,19 +79,29 @@ pub fn run(args: &ReplayArgs, global: &Global) -> Result<(), Failure> {
     }
     if let Some(folder) = &args.series {
         files::folder("--series", folder, global)?;
+        files::never_into(folder, series::is_file, std::slice::from_ref(&args.file))?;
     }
     let console = console(args, &recording)?;
     let series = args.series.as_deref().map(|dir| (dir, args.series_hz));
     let (host, pictures) = host(&recording, series)?;
-    let (here, there) = (&here(&recording), &recording.about);
+    let here = here(&recording);
+    let same_bits = recording.about.same_bits(&here);
+    let verdict = verdict(args, &recording, &console, &host, same_bits);
+    let report = Report::of(&args.file, &recording, &console, &host);
+    // `--verify` fails what would be good in part.
+    let status = match &verdict {
+        Err(failure) if failure.cause == Cause::Failed => failure.cause.word(),
+        _ => report.status,
+    };
     match global.format {
         Format::Json => display::object(&Report {
+            status,
             pictures,
-            ..Report::of(&args.file, &recording, &console, &host)
+            ..report
         }),
-        Format::Text => say!("{}", text(&recording, &console, &host, here)),
+        Format::Text => say!("{}", text(&recording, &console, &host, &here)),
     }
-    verdict(args, &recording, &console, &host, there.same_bits(here))
+    verdict
 }
 
 /// Why something cannot be made of a recording that begins in the middle of a session.
@@ -261,6 +271,7 @@ fn verdict(
         let help = "what is there is as it was recorded, as far as it says above";
         return Err(Failure::say(Cause::BadInput, message, help).after_summary());
     }
+    let outcome = Outcome::of(recording, console, host);
     let mut unsure = Vec::new();
     if let (Some(tick), Some(why)) = (console.unverifiable_from, &console.why) {
         unsure.push(format!("the console from tick {tick} on: {why}"));
@@ -272,9 +283,7 @@ fn verdict(
         return Ok(());
     }
     let message = format!("cannot be compared: {}", unsure.join("; "));
-    let has_none = (console.ticks > 0 && console.verified_ticks == 0)
-        || (host.steps > 0 && host.verified_steps == 0);
-    if has_none {
+    if outcome == Outcome::NotReplayed {
         let help = "record whole sessions (--record FILE), on a disk that keeps up; --save-last keeps the last seconds to look at";
         return Err(Failure::say(Cause::NotReplayed, message, help).after_summary());
     }

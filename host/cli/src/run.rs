@@ -6,7 +6,7 @@ use crate::display::{self, Display};
 use crate::failure::{Cause, Failure};
 use crate::recording::{self, Recording};
 use crate::replay;
-use crate::series::SERIES_HZ;
+use crate::series::{self, SERIES_HZ};
 use crate::signals::{stop_on_signals, stopped};
 use crate::top::Top;
 use crate::view::PageArgs;
@@ -204,12 +204,7 @@ const EMULATOR_SPARE: Duration = Duration::from_secs(120);
 /// Everything that keeps the session from running to its end, a latched fault, a missed budget.
 pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     let asked = recording::asked();
-    if let Some(folder) = &args.series {
-        files::folder("--series", folder, global)?;
-    }
-    for file in [&args.record, &args.save_last].into_iter().flatten() {
-        files::free(file, global)?;
-    }
+    may_write(args, global)?;
     // Before a port is opened: some boards start anew with that.
     let document = crate::scene::document(args.scene.as_deref())?;
     if let Some(host_hz) = args.host_hz.or_else(|| host_hz(&document)) {
@@ -224,6 +219,9 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
         .flatten()
     {
         files::never_over(file, &document.paths())?;
+    }
+    if let Some(folder) = &args.series {
+        files::never_into(folder, series::is_file, &document.paths())?;
     }
     // The scene's own settings stay for what `auto` takes.
     if let Some(tissue) = args.tissue.filter(|tissue| *tissue != Tissue::Auto) {
@@ -341,6 +339,28 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
         _ => {}
     }
     verdict
+}
+
+/// Whether all files may be written that are asked for; makes the folder for those that are many.
+fn may_write(args: &RunArgs, global: &Global) -> Result<(), Failure> {
+    if let Some(folder) = &args.series {
+        files::folder("--series", folder, global)?;
+    }
+    let recording = recording::file(args);
+    for file in [&recording, &args.save_last].into_iter().flatten() {
+        files::free(file, global)?;
+    }
+    let is_named = args.record.is_some();
+    let option = if is_named { "--record" } else { "--series" };
+    let outputs = [
+        (option, recording.as_deref()),
+        ("--save-last", args.save_last.as_deref()),
+    ];
+    files::apart(&outputs)?;
+    match &args.series {
+        Some(folder) => files::apart_from_those_in(("--series", folder), series::is_file, &outputs),
+        None => Ok(()),
+    }
 }
 
 /// Whether it is shown to this program's terminal or channels, without a page.

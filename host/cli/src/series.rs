@@ -1,6 +1,6 @@
 //! `--series DIR`: a session as a row of files for ParaView, made by running its recording again.
 //!
-//! Entry point: [`Series`]. Nothing is written while the session runs, so that its loop pays nothing.
+//! Entry points: [`Series`]; [`is_file`], for what it writes. Nothing is written while the session runs, so that its loop pays nothing.
 
 use crate::failure::{Cause, Failure};
 use std::io;
@@ -79,7 +79,7 @@ impl<'a> Series<'a> {
     /// # Errors
     /// A file that could not be written.
     pub fn finish(mut self) -> Result<(PathBuf, usize), Failure> {
-        let path = self.folder.join("session.pvd");
+        let path = self.folder.join(LIST);
         let mut list = String::from(
             "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"1.0\">\n<Collection>\n",
         );
@@ -103,7 +103,40 @@ impl<'a> Series<'a> {
     }
 }
 
+/// Name of the list.
+const LIST: &str = "session.pvd";
+
 /// Name of a picture's file.
 fn file(number: usize) -> String {
     format!("session-{number:05}.vtu")
+}
+
+/// Whether a folder's file of this name would be written.
+pub fn is_file(name: &str) -> bool {
+    let number = name
+        .strip_prefix("session-")
+        .and_then(|rest| rest.strip_suffix(".vtu"));
+    let number = number.and_then(|number| number.parse().ok());
+    name == LIST || number.is_some_and(|number| file(number) == name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_files_of_a_series_are_known_by_their_names() {
+        for name in [&file(0), &file(99), &file(123_456), LIST] {
+            assert!(is_file(name), "{name}");
+        }
+        for name in [
+            "session.mcap",
+            "session-1.vtu",
+            "session-0000a.vtu",
+            "session-00001.vtk",
+            "session-+0001.vtu",
+        ] {
+            assert!(!is_file(name), "{name}");
+        }
+    }
 }

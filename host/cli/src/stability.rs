@@ -10,6 +10,7 @@ use crate::{Format, Global};
 use clap::Args;
 use indicatif::ProgressBar;
 use std::path::{Path, PathBuf};
+use sutura_files::write_whole;
 use sutura_study::INTERRUPTED;
 use sutura_study::stability::judge;
 use sutura_study::stability::suite::{self, Case, Table};
@@ -104,9 +105,12 @@ pub fn run(args: &StabilityArgs, global: &Global) -> Result<(), Failure> {
         Some(directory) => write_files(&output, directory),
         None => Ok(()),
     };
+    if let Err(failure) = &written {
+        output.status = failure.cause.word();
+    }
     match global.format {
         Format::Json => crate::display::object(&output),
-        Format::Text => print_text(cases),
+        Format::Text => print_text(&output.cases),
     }
     written.map_err(Failure::after_summary)?;
     if !is_whole {
@@ -137,7 +141,7 @@ fn write_files(table: &Table, directory: &Path) -> Result<(), Failure> {
         ("stability.csv", csv(&table.cases)),
     ] {
         let path = directory.join(name);
-        std::fs::write(&path, text).map_err(|error| unwritable(&path, &error))?;
+        write_whole(&path, text.as_bytes()).map_err(|error| unwritable(&path, &error))?;
     }
     Ok(())
 }

@@ -10,6 +10,7 @@ use std::fs::File;
 use std::io::Write as _;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
+use sutura_files::{may_write, write_whole};
 
 /// Lines of a table as they are measured, one JSON object each: whoever interrupts hours of work has what there was.
 pub struct Kept(Option<Mutex<File>>);
@@ -22,7 +23,8 @@ impl Kept {
     pub fn within(directory: Option<&Path>) -> Result<Kept, Failure> {
         let file = directory.map(|directory| {
             let path = directory.join("cases.jsonl");
-            File::create(&path).map_err(|error| unwritable(&path, &error))
+            let made = may_write(&path).and_then(|()| File::create(&path));
+            made.map_err(|error| unwritable(&path, &error))
         });
         Ok(Kept(file.transpose()?.map(Mutex::new)))
     }
@@ -51,7 +53,7 @@ pub fn write_pictures(report: &serde_json::Value, directory: &Path) -> Result<()
     })?;
     for picture in pictures {
         let path = directory.join(&picture.name);
-        std::fs::write(&path, picture.svg).map_err(|error| unwritable(&path, &error))?;
+        write_whole(&path, picture.svg.as_bytes()).map_err(|error| unwritable(&path, &error))?;
     }
     Ok(())
 }

@@ -11,7 +11,7 @@ use crate::{Format, Global};
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
-use sutura_files::{MOST_TEXT, read_plain};
+use sutura_files::{MOST_TEXT, read_plain, write_whole};
 use sutura_host::text::utf8;
 use sutura_study::INTERRUPTED;
 use sutura_study::idle::{IDLE, load};
@@ -132,7 +132,7 @@ pub fn run(args: &TradeoffArgs, global: &Global) -> Result<(), Failure> {
     };
     let table = plan.measure(env!("SUTURA_VERSION"), &mut told);
     bar.finish_and_clear();
-    let table = table.map_err(|why| {
+    let mut table = table.map_err(|why| {
         Failure::say(
             Cause::Failed,
             why,
@@ -146,6 +146,10 @@ pub fn run(args: &TradeoffArgs, global: &Global) -> Result<(), Failure> {
         Some(directory) => write_files(&json!(table), directory),
         None => Ok(()),
     };
+    let is_whole = table.status != INTERRUPTED;
+    if let Err(failure) = &written {
+        table.status = failure.cause.word();
+    }
     match global.format {
         Format::Json => crate::display::object(&table),
         Format::Text => {
@@ -155,9 +159,9 @@ pub fn run(args: &TradeoffArgs, global: &Global) -> Result<(), Failure> {
         }
     }
     written.map_err(Failure::after_summary)?;
-    match table.status {
-        INTERRUPTED => Err(interrupted(table.report.cases.len() + table.sutures.len())),
-        _ => Ok(()),
+    match is_whole {
+        true => Ok(()),
+        false => Err(interrupted(table.report.cases.len() + table.sutures.len())),
     }
 }
 
@@ -177,17 +181,23 @@ fn merged(args: &MergeArgs, global: &Global) -> Result<(), Failure> {
         }
     };
     let shares: Vec<_> = args.files.iter().map(read).collect::<Result<_, _>>()?;
-    let table = merge(&shares)?;
+    let mut table = merge(&shares)?;
     let written = match &args.plot {
         Some(directory) => {
             crate::files::folder("--plot", directory, global)?;
-            for name in std::iter::once("tradeoff.json").chain(LISTS.map(|(name, _)| name)) {
-                crate::files::never_over(&directory.join(name), &args.files)?;
-            }
+            // Pictures have names of their own.
+            let is_written = |name: &str| {
+                let is_table = LISTS.iter().any(|(list, _)| *list == name);
+                name == "tradeoff.json" || is_table || name.ends_with(".svg")
+            };
+            crate::files::never_into(directory, is_written, &args.files)?;
             write_files(&table, directory)
         }
         None => Ok(()),
     };
+    if let Err(failure) = &written {
+        table["status"] = failure.cause.word().into();
+    }
     match global.format {
         Format::Json => crate::display::object(&table),
         Format::Text => say!("{}", words(&table)),
@@ -342,7 +352,7 @@ const LISTS: [(&str, &str); 4] = [
 fn write_files(report: &Value, directory: &Path) -> Result<(), Failure> {
     let write = |name: &str, text: String| {
         let path = directory.join(name);
-        std::fs::write(&path, text).map_err(|error| unwritable(&path, &error))
+        write_whole(&path, text.as_bytes()).map_err(|error| unwritable(&path, &error))
     };
     write("tradeoff.json", report.to_string())?;
     for (name, list) in LISTS {

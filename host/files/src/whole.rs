@@ -2,17 +2,19 @@
 //!
 //! Entry point: [`write_whole`]: a new file next to the target, flushed to the disk, then renamed.
 
+use super::may_write;
 use std::fs::{self, OpenOptions};
 use std::io::{self, Write};
 use std::path::Path;
 
 /// Writes `bytes` to `path`; a reader, or a crash at any moment, finds the old file or the new one.
 ///
-/// A link stays a link to what is replaced. A device or a pipe is written itself.
+/// A link stays a link to what is replaced. A device that [may be written](may_write) is written itself.
 ///
 /// # Errors
-/// The system's: no such directory, no permission, a full disk. The old file stays.
+/// As of [`may_write`], and the system's: no such directory, no permission, a full disk. The old file stays.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    may_write(path)?;
     let target = path.canonicalize();
     let path = target.as_deref().unwrap_or(path);
     let is_special = |found: fs::Metadata| !found.is_file() && !found.is_dir();

@@ -17,6 +17,7 @@ use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use sutura_files::may_write;
 
 /// Bytes after which a chunk is closed and written: a third of a second, so that little is lost with a process that is
 /// killed.
@@ -67,6 +68,7 @@ impl RecordingFile {
                 .chunk_size(Some(CHUNK_BYTES))
                 // Chunks go out whole: what is in the file can be read.
                 .disable_seeking(true);
+            may_write(path)?;
             let mut writer = Writer::with_options(File::create(path)?, options)?;
             writer.write_metadata(&Metadata {
                 name: ABOUT.to_owned(),
@@ -177,11 +179,13 @@ fn schema<T: JsonSchema>(writer: &mut Writer<File>, name: &str) -> Result<u16, M
 }
 
 fn unwritable(path: &Path, error: McapError) -> RecordingError {
+    let (reason, kind) = match error {
+        McapError::Io(error) => (error.to_string(), error.kind()),
+        error => (error.to_string(), io::ErrorKind::Other),
+    };
     RecordingError::Unwritable {
         path: path.to_owned(),
-        reason: match error {
-            McapError::Io(error) => error.to_string(),
-            error => error.to_string(),
-        },
+        reason,
+        kind,
     }
 }

@@ -11,6 +11,7 @@ use crate::scene::{self, Document, Scene, SceneError, Sources, Tissue};
 use mcap::read::{ChunkFlattener, Options};
 use mcap::records::Record;
 use std::collections::{BTreeMap, HashMap};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use sutura_files::read_plain;
 use sutura_models::memory::require;
@@ -28,6 +29,8 @@ pub enum RecordingError {
         path: PathBuf,
         /// What the system says.
         reason: String,
+        /// Its kind.
+        kind: ErrorKind,
     },
     /// The system does not give it.
     #[error("cannot read the recording {}: {reason}", path.display())]
@@ -91,7 +94,7 @@ impl RecordingError {
             RecordingError::Unwritable { .. } => {
                 "give a path in a folder that exists, on a disk with room: some 10 to 30 MB a minute"
             }
-            RecordingError::Unreadable { .. } => "give the path of a file that exists",
+            RecordingError::Unreadable { .. } => "give the path of a plain file that exists",
             RecordingError::NotARecording { .. } => {
                 "give a file that `sutura run --record FILE` has written"
             }

@@ -12,10 +12,12 @@ use super::tap::{Direction, Event, Lost, Tap};
 use super::{DOWN, SCENE, SOLVE, TOOL, UP};
 use crate::scene::Sources;
 use serde::Serialize;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, Sender, channel, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
+use sutura_files::lead_to_one;
 use sutura_shared::wire::message::State;
 use sutura_shared::wire::{Accumulator, Checked, Valid, decode};
 
@@ -81,6 +83,7 @@ impl Saver {
             Err(RecordingError::Unwritable {
                 path: path.to_owned(),
                 reason: format!("the recorder does not answer: {error}"),
+                kind: ErrorKind::TimedOut,
             })
         })
     }
@@ -123,6 +126,7 @@ impl Recorder {
         seen: Seen,
     ) -> Result<Recorder, RecordingError> {
         let open = |path| RecordingFile::create(path, &about, &sources);
+        let path = file.map(Path::to_owned);
         let file = file.map(open).transpose()?;
         let (queue, events) = sync_channel(QUEUE);
         let tap = Tap::new(queue, about.lockstep, file.is_some());
@@ -130,6 +134,7 @@ impl Recorder {
             tap: tap.clone(),
             about,
             sources,
+            path,
             file,
             failed: None,
             ring: Ring::new(LAST, LAST_BYTES),
@@ -149,6 +154,7 @@ impl Recorder {
         let thread = thread.map_err(|error| RecordingError::Unwritable {
             path: PathBuf::new(),
             reason: format!("no thread to write it: {error}"),
+            kind: error.kind(),
         })?;
         Ok(Recorder {
             tap,
@@ -191,6 +197,7 @@ impl Recorder {
             Err(RecordingError::Unwritable {
                 path: PathBuf::new(),
                 reason: "the thread that writes it failed".to_owned(),
+                kind: ErrorKind::Other,
             })
         })
     }
@@ -268,6 +275,8 @@ struct Writing {
     tap: Tap,
     about: About,
     sources: Sources,
+    /// Path of the file that all is written to, also once it has ended.
+    path: Option<PathBuf>,
     file: Option<RecordingFile>,
     /// Why nothing is written any more.
     failed: Option<RecordingError>,
@@ -394,6 +403,17 @@ impl Writing {
     }
 
     fn save(&self, path: &Path) -> Result<u64, RecordingError> {
+        if self
+            .path
+            .as_ref()
+            .is_some_and(|file| lead_to_one(file, path))
+        {
+            return Err(RecordingError::Unwritable {
+                path: path.to_owned(),
+                reason: "it is the recording of the whole session".to_owned(),
+                kind: ErrorKind::InvalidInput,
+            });
+        }
         let about = About {
             begins: Begins::Later,
             ..self.about.clone()

@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::io;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::{Path, PathBuf, absolute};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use sutura_files::{MOST_TEXT, read_plain};
 use sutura_models::memory::Shortage;
@@ -21,9 +21,7 @@ use toml::Spanned;
 pub enum SceneError {
     /// The file itself cannot be read.
     #[error("cannot read {}: {source}", path.display())]
-    #[diagnostic(help(
-        "give the path of a file that exists, relative to the directory you are in"
-    ))]
+    #[diagnostic(help("name a plain file that exists, by its path from the directory you are in"))]
     Unreadable {
         /// As asked for.
         path: PathBuf,
@@ -171,7 +169,7 @@ enum Files {
 struct Read {
     /// By their paths as seen from the document's directory, without the document itself.
     files: BTreeMap<String, Vec<u8>>,
-    /// Their paths, with the document's.
+    /// Their absolute paths, with the document's: the program may go to another directory.
     paths: Vec<PathBuf>,
 }
 
@@ -193,7 +191,7 @@ impl Document {
     /// [`SceneError::Unreadable`] when the system says so, [`SceneError::NotText`].
     pub fn read(path: &Path) -> Result<Document, SceneError> {
         let read = Read {
-            paths: vec![path.to_owned()],
+            paths: vec![whole(path)],
             ..Read::default()
         };
         let files = Files::Disk(Arc::new(Mutex::new(read)));
@@ -246,7 +244,7 @@ impl Document {
         }
     }
 
-    /// Every file on disk that has been read for the document so far, and its own: what nothing may be written over.
+    /// Every file on disk that has been read for the document so far, and its own, by absolute paths: what nothing may be written over.
     pub fn paths(&self) -> Vec<PathBuf> {
         match &self.files {
             Files::Disk(read) => lock(read).paths.clone(),
@@ -299,7 +297,7 @@ impl Document {
             Files::Disk(read) => {
                 let bytes = read_plain(path, most)?;
                 let mut read = lock(read);
-                read.paths.push(path.to_owned());
+                read.paths.push(whole(path));
                 read.files.insert(key, bytes.clone());
                 Ok(bytes)
             }
@@ -432,6 +430,11 @@ impl Document {
             Some("`inf` and `nan` are no places"),
         ))
     }
+}
+
+/// The path from the root on, of a file that is read now.
+fn whole(path: &Path) -> PathBuf {
+    absolute(path).unwrap_or_else(|_| path.to_owned())
 }
 
 fn lock(read: &Mutex<Read>) -> MutexGuard<'_, Read> {

@@ -51,8 +51,11 @@ def run(
 def replay(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Runs a recording again, the console's ticks and the solver's steps, and compares them with what was recorded.
 
-    Returns what came of it, with the keys of `sutura replay --format json`: `diverged_at` is None where all came out the
-    same; `host.identical` says that it did to the bit.
+    Returns what came of it, with the keys of `sutura replay --format json`. `status` is "ok" where all was compared and came
+    out the same, "diverged" where something did not, and `diverged_at` is the first such tick. `diverged_at` is None as well
+    where nothing could be compared: then `status` is "partly" (a part could not be), "not-replayed" (none of the ticks or none
+    of the solves could be, as in a file of the last seconds) or "cut-off" (the file ends early), and `console.why` and
+    `host.why` say why. `host.identical` says that solves were compared and had the same bits.
     """
     report: dict[str, Any] = json.loads(_sutura.replay_session(os.fspath(path), _build()))
     return report

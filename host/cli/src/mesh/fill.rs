@@ -7,24 +7,29 @@ use super::{
     Hint, QUICK_NODES, Times, bad, format_of, hints, measure, print_text, print_times, write,
 };
 use crate::failure::{Cause, Failure};
+use crate::signals::{stop_on_signals, stopped};
 use crate::{Format, Global, display};
 use clap::Args;
 use schemars::JsonSchema;
 use serde::Serialize;
-use std::io::ErrorKind;
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::Duration;
 use sutura_files::read_plain;
 use sutura_host::mesh::{
     MOST_BYTES, MeshError, MeshReport, RawMesh, Repaired, SurfaceFlaw, SurfaceFormat, TriangleMesh,
     read_raw_mesh,
 };
 use sutura_host::tool::crossing;
+use sutura_host::work::begin;
 
 /// The number of nodes counts as met within this part of it.
 const CLOSE: f64 = 0.1;
 /// Runs of gmsh at most: the number of nodes goes with the size of cells almost as the cube, three are mostly enough.
 const MOST_RUNS: u32 = 8;
+/// Between two looks whether gmsh has ended.
+const LOOKS_EVERY: Duration = Duration::from_millis(20);
 /// Lines of gmsh that a message has at most.
 const MOST_TOLD: usize = 8;
 /// gmsh works in millimetres \[m\]: its tolerances are made for numbers about 1.
@@ -85,8 +90,12 @@ pub struct Filled {
 pub fn fill(args: &FillArgs, global: &Global) -> Result<(), Failure> {
     let format = format_of(&args.out)?;
     super::free(&args.out, &args.surface, global)?;
+    let shown = crate::work::watch();
     let (surface, repaired) = read_surface(&args.surface, args.scale)?;
+    // From here on Ctrl-C ends gmsh, too.
+    stop_on_signals()?;
     let found = search(&surface, args)?;
+    drop(shown);
     let mut report = MeshReport::of(&found.mesh).map_err(|error| bad(&args.surface, &error))?;
     report.notes.splice(0..0, notes(&repaired));
     write(&found.mesh, &args.out, format)?;
@@ -148,9 +157,15 @@ fn read_surface(path: &Path, scale: f64) -> Result<(TriangleMesh, Repaired), Fai
     })?;
     let flawed =
         |flaw: SurfaceFlaw| refuse(format!("{}: {flaw}", path.display()), next_step(&flaw));
+    begin("reading the surface", || format!("{} bytes", bytes.len()));
     let read = format.read(&bytes, scale);
     let mut surface = read.map_err(|error| flawed(error.into()))?;
+    let size = |surface: &TriangleMesh| format!("{} triangles", surface.triangles.len());
+    begin("repairing the surface", || size(&surface));
     let repaired = surface.repair().map_err(flawed)?;
+    begin("looking where the surface crosses itself", || {
+        size(&surface)
+    });
     if let Some([one, other]) = crossing(&surface) {
         let corner = surface.triangles[one][0];
         let [x, y, z] = surface.points_m[corner as usize];
@@ -249,7 +264,7 @@ struct Found {
 
 /// Runs gmsh with one size of cells after the other until the number of nodes is near; the nearest of them.
 fn search(surface: &TriangleMesh, args: &FillArgs) -> Result<Found, Failure> {
-    let failed = |error: std::io::Error| {
+    let failed = |error: io::Error| {
         let help = "the folder for temporary files has to be there, and yours";
         Failure::say(Cause::Failed, format!("no place to work in: {error}"), help)
     };
@@ -262,6 +277,10 @@ fn search(surface: &TriangleMesh, args: &FillArgs) -> Result<Found, Failure> {
     let (mut fine, mut coarse) = (0.0f64, f64::INFINITY);
     let mut nearest: Option<(f64, Found)> = None;
     for runs in 1..=MOST_RUNS {
+        begin("gmsh fills the surface", || {
+            let edge_mm = 1e3 * edge_m;
+            format!("run {runs} of at most {MOST_RUNS}, edges of {edge_mm:.3} mm")
+        });
         let mesh = run_gmsh(folder.path(), edge_m)?;
         let ratio = mesh.points_m.len() as f64 / wanted;
         tracing::info!(
@@ -346,24 +365,28 @@ fn run_gmsh(folder: &Path, edge_m: f64) -> Result<RawMesh, Failure> {
         "-o",
         "filled.msh",
     ];
-    let output = Command::new("gmsh")
-        .args(arguments)
-        .current_dir(folder)
-        .output()
-        .map_err(|error| match error.kind() {
-            ErrorKind::NotFound => said(
-                "gmsh, which fills surfaces, is not on PATH".into(),
-                "install it: pip install gmsh, or apt install gmsh; then gmsh --version answers",
-            ),
-            _ => said(
-                format!("gmsh does not start: {error}"),
-                "gmsh --version has to answer",
-            ),
-        })?;
-    let words = [output.stdout, output.stderr].concat();
+    let log = folder.join("gmsh.log");
+    let mut command = Command::new("gmsh");
+    command.args(arguments).current_dir(folder);
+    let status = ended(&mut command, &log).map_err(|error| match error.kind() {
+        ErrorKind::Interrupted => Failure::say(
+            Cause::Interrupted,
+            "stopped while gmsh filled the surface",
+            "nothing is written",
+        ),
+        ErrorKind::NotFound => said(
+            "gmsh, which fills surfaces, is not on PATH".into(),
+            "install it: pip install gmsh, or apt install gmsh; then gmsh --version answers",
+        ),
+        _ => said(
+            format!("gmsh does not start: {error}"),
+            "gmsh --version has to answer",
+        ),
+    })?;
+    let words = read_plain(&log, MOST_BYTES).unwrap_or_default();
     let words = String::from_utf8_lossy(&words);
     let has_error = words.lines().any(|line| line.contains("Error"));
-    if !output.status.success() || has_error || !filled.is_file() {
+    if !status.success() || has_error || !filled.is_file() {
         return Err(said(
             format!("gmsh did not fill the surface; it says: {}", told(&words)),
             "if that names no other cause, the surface is narrower somewhere than cells of this size: smooth and simplify it, or ask for more nodes",
@@ -375,6 +398,43 @@ fn run_gmsh(folder: &Path, edge_m: f64) -> Result<RawMesh, Failure> {
     })?;
     std::fs::remove_file(&filled).ok();
     Ok(mesh)
+}
+
+/// Runs a program to its end, or to Ctrl-C, which ends it and all that it has started. Its words go to a file.
+///
+/// # Errors
+/// It does not start; [`ErrorKind::Interrupted`].
+fn ended(command: &mut Command, log: &Path) -> io::Result<ExitStatus> {
+    let file = std::fs::File::create(log)?;
+    command
+        .stdin(Stdio::null())
+        .stderr(file.try_clone()?)
+        .stdout(file);
+    // A group of its own: a terminal's Ctrl-C comes to this program alone.
+    #[cfg(unix)]
+    std::os::unix::process::CommandExt::process_group(command, 0);
+    let mut child = command.spawn()?;
+    loop {
+        if let Some(status) = child.try_wait()? {
+            return Ok(status);
+        }
+        if stopped() {
+            end(&mut child);
+            return Err(ErrorKind::Interrupted.into());
+        }
+        std::thread::sleep(LOOKS_EVERY);
+    }
+}
+
+/// Ends a program with its group, and waits for it.
+fn end(child: &mut Child) {
+    // What has ended by itself cannot be killed.
+    #[cfg(unix)]
+    if let Some(group) = rustix::process::Pid::from_raw(child.id().cast_signed()) {
+        let _ = rustix::process::kill_process_group(group, rustix::process::Signal::KILL);
+    }
+    let _ = child.kill();
+    let _ = child.wait();
 }
 
 /// Errors and warnings among what gmsh printed, each once; without any, its last line.

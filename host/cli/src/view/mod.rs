@@ -123,6 +123,8 @@ pub fn run(args: &ViewArgs, global: &Global) -> Result<(), Failure> {
     for file in [&args.record, &args.shot].into_iter().flatten() {
         crate::files::free(file, global)?;
     }
+    let [record, shot] = [&args.record, &args.shot].map(|file| file.as_deref());
+    crate::files::apart(&[("--record", record), ("--shot", shot)])?;
     // Refuses bad input before a page says that there is something to see. Ctrl-C ends this at once.
     let what = What::of(args, global.overwrite)?;
     for file in [&args.record, &args.shot].into_iter().flatten() {

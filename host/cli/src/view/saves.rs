@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
+use sutura_files::may_write;
 use sutura_host::recording::Saver;
 use sutura_view::Reply;
 
@@ -126,8 +127,11 @@ pub fn unused(file: &Path) -> PathBuf {
 /// The file of a session with this number: the first of the name itself or with a number from there on that may be written. With
 /// `overwrite` that is each that is not among those which are `read`.
 pub fn named(file: &Path, number: u32, (read, overwrite): (&[PathBuf], bool)) -> PathBuf {
-    let is_free =
-        |path: &PathBuf| never_over(path, read).is_ok() && (overwrite || !has_something(path));
+    let is_free = |path: &PathBuf| {
+        never_over(path, read).is_ok()
+            && may_write(path).is_ok()
+            && (overwrite || !has_something(path))
+    };
     let mut names = (number..).map(|number| numbered(file, number));
     names.find(is_free).unwrap_or_else(|| file.to_owned())
 }

@@ -7,14 +7,16 @@ use super::page::Page;
 use super::sandbox::At;
 use super::{ViewArgs, What};
 use crate::failure::{Cause, Failure};
+use crate::files::unwritable;
 use base64::Engine as _;
 use serde_json::{Value, json};
 use std::io::{self, BufRead as _, BufReader, Write as _};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
+use sutura_files::write_whole;
 use sutura_view::Shared;
 
 /// Programs that take pictures of pages, by name.
@@ -30,7 +32,7 @@ const REACHED_WITHIN: Duration = Duration::from_secs(600);
 /// Shows a scene or a recording, and takes a picture of it.
 ///
 /// # Errors
-/// No browser, or one that takes none.
+/// No browser, or one that takes none; a full disk.
 pub fn take(
     args: &ViewArgs,
     what: What,
@@ -47,10 +49,9 @@ pub fn take(
     let shared = page.shared().clone();
     let url = page.url().unwrap_or_default();
     let (reached, stopping) = (at.reached.clone(), stop.clone());
-    let file = PathBuf::from(shot);
     let thread = std::thread::Builder::new().name("sutura-shot".to_owned());
     let taking = thread.spawn(move || {
-        let taken = photograph(browser, &url, &file, &shared, (at_s, &reached, &stopping));
+        let taken = photograph(browser, &url, &shared, (at_s, &reached, &stopping));
         stopping.store(true, Ordering::Relaxed);
         taken
     });
@@ -66,7 +67,8 @@ pub fn take(
     }
     shown?;
     match taken {
-        Ok(Ok(drawn_s)) => {
+        Ok(Ok((png, drawn_s))) => {
+            write_whole(shot, &png).map_err(|error| unwritable(shot, &error))?;
             note!("{}: the picture of {drawn_s:.3} s", shot.display());
             Ok(())
         }
@@ -84,9 +86,7 @@ fn failed(browser: &str, shot: &Path, error: &io::Error) -> Failure {
         io::ErrorKind::TimedOut => {
             "take it earlier (`--at S`), or on a machine that has less to do"
         }
-        _ => {
-            "see that the folder is yours, and that the browser runs here: `chromium --headless --screenshot about:blank`"
-        }
+        _ => "see that the browser runs here: `chromium --headless --screenshot about:blank`",
     };
     Failure::say(Cause::Failed, message, help)
 }
@@ -257,14 +257,13 @@ fn timed_out(message: String) -> io::Error {
     io::Error::new(io::ErrorKind::TimedOut, message)
 }
 
-/// Waits until the page draws the picture of `at_s`, and takes it; when that picture is of \[s\].
+/// Waits until the page draws the picture of `at_s`, and takes it: the bytes of its file, and the time that it shows \[s\].
 fn photograph(
     browser: &str,
     url: &str,
-    file: &Path,
     shared: &Shared,
     (at_s, reached, stop): (f64, &OnceLock<f64>, &AtomicBool),
-) -> io::Result<f64> {
+) -> io::Result<(Vec<u8>, f64)> {
     let profile = tempfile::tempdir()?;
     let mut tab = Tab::open(Browser::start(browser, profile.path())?, url)?;
     let began = Instant::now();
@@ -292,8 +291,7 @@ fn photograph(
                     if tab.look()? == now {
                         let bytes = text(&taken["data"]);
                         let bytes = base64::engine::general_purpose::STANDARD.decode(bytes);
-                        std::fs::write(file, bytes.map_err(io::Error::other)?)?;
-                        return Ok(drawn_s);
+                        return Ok((bytes.map_err(io::Error::other)?, drawn_s));
                     }
                 }
             }

@@ -13,6 +13,6 @@ mod whole;
 pub use console::{ConsoleVerdict, Ran, Replayed, replay_console};
 pub use host::{HostVerdict, compare_contacts, replay_host, replay_host_while};
 pub use native::NativeTicks;
-pub use report::{OfConsole, OfHost, Report};
+pub use report::{OfConsole, OfHost, Outcome, Report};
 pub use sessions::{DownFrame, Session, frame_with_session, sessions, stuffed};
 pub use whole::WholeConsole;

@@ -1,6 +1,6 @@
 //! What a replay came to, with the keys that programs read.
 //!
-//! Entry point: [`Report::of`].
+//! Entry points: [`Report::of`], [`Outcome::of`].
 
 use super::super::read::{End, Recording};
 use super::{ConsoleVerdict, HostVerdict};
@@ -13,11 +13,16 @@ use std::path::Path;
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 #[schemars(rename = "Replayed")]
 pub struct Report {
+    /// `ok`: all of it was compared and came out the same; `partly`: a part could not be compared, `console.why` and `host.why` say
+    /// which; `not-replayed`: so it is of all ticks or all solves; `cut-off`: the file ends before the session did; `diverged`; `failed`:
+    /// with `--verify`, in place of `partly`.
+    pub status: &'static str,
     /// The recording.
     pub file: String,
     /// States in it.
     pub ticks: u64,
-    /// The console's tick that came out differently first, at either end.
+    /// The console's tick that came out differently first, at either end; none where nothing that was compared did. `status` says
+    /// whether all was.
     pub diverged_at: Option<u32>,
     /// Trace hash of the console's last tick, in hexadecimal.
     pub hash: String,
@@ -62,7 +67,7 @@ pub struct OfHost {
     pub steps: u64,
     /// Those that came out the same.
     pub verified_steps: u64,
-    /// Whether all of those have the same bits.
+    /// Whether all of those have the same bits; false where none of the solves was compared.
     pub identical: bool,
     /// Contacts that went down as they had been solved, of a session whose beginning is not in the recording.
     pub contacts: u64,
@@ -80,6 +85,53 @@ pub struct OfHost {
     pub hash: String,
 }
 
+/// What a replay came to, as a whole.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// All was compared, and came out the same.
+    Same,
+    /// A part could not be compared; the rest came out the same.
+    Partly,
+    /// None of the ticks, or none of the solves, could be compared.
+    NotReplayed,
+    /// The recording ends before the session did; what is there came out the same, as far as it could be compared.
+    CutOff,
+    /// Something came out differently.
+    Diverged,
+}
+
+impl Outcome {
+    /// Of a recording that was run again at both ends.
+    pub fn of(recording: &Recording, console: &ConsoleVerdict, host: &HostVerdict) -> Outcome {
+        let none = |all: u64, verified: u64| all > 0 && verified == 0;
+        let is_partly = console.unverifiable_from.is_some() || host.unverifiable_from.is_some();
+        if console.diverged_at.is_some() || host.diverged_at.is_some() {
+            Outcome::Diverged
+        } else if recording.end != End::Whole {
+            Outcome::CutOff
+        } else if !is_partly {
+            Outcome::Same
+        } else if none(console.ticks, console.verified_ticks)
+            || none(host.steps, host.verified_steps)
+        {
+            Outcome::NotReplayed
+        } else {
+            Outcome::Partly
+        }
+    }
+
+    /// The word for `status`.
+    pub fn word(self) -> &'static str {
+        match self {
+            Outcome::Same => "ok",
+            Outcome::Partly => "partly",
+            Outcome::NotReplayed => "not-replayed",
+            Outcome::CutOff => "cut-off",
+            Outcome::Diverged => "diverged",
+        }
+    }
+}
+
 impl Report {
     /// Of a recording at `path` that was run again at both ends, without pictures.
     pub fn of(
@@ -94,6 +146,7 @@ impl Report {
         };
         let both = [console.diverged_at, host.diverged_at];
         Report {
+            status: Outcome::of(recording, console, host).word(),
             file: path.display().to_string(),
             ticks: console.ticks,
             diverged_at: both.into_iter().flatten().min(),
@@ -113,7 +166,7 @@ impl Report {
             host: OfHost {
                 steps: host.steps,
                 verified_steps: host.verified_steps,
-                identical: host.identical,
+                identical: host.identical && (host.verified_steps > 0 || host.steps == 0),
                 contacts: host.contacts,
                 largest_difference: host.largest_difference,
                 diverged_at: host.diverged_at,
