@@ -7,9 +7,10 @@ use crate::support::described::assert_described;
 use crate::support::{Ran, ran, sutura_in};
 use serde_json::Value;
 use std::fmt::Write;
+use std::io::{BufRead as _, Read as _};
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
-use std::process::Command;
+use std::process::{Command, Stdio};
 use sutura_testkit::full;
 
 type Triangle = [[f64; 3]; 3];
@@ -318,6 +319,55 @@ fn failures_of_gmsh_are_told_with_its_words() {
     let ran = crate::support::ran(command.env("PATH", none));
     assert_eq!(ran.code, 1, "{}", ran.stderr);
     assert!(ran.stderr.contains("pip install gmsh"), "{}", ran.stderr);
+}
+
+/// A gmsh that takes long is told of, and Ctrl-C ends it and what it has started, with nothing left.
+#[test]
+fn a_gmsh_that_does_not_end_is_told_of_and_stopped() {
+    let folder = folder("sleep 1000 & echo $! > \"$(dirname \"$0\")/id\"\necho at work\nwait\n");
+    let at = folder.path();
+    let path = std::env::var("PATH").unwrap_or_default();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_sutura"));
+    let arguments = [
+        "mesh", "fill", "box.stl", "--nodes", "300", "--out", "a.msh", "--format", "json",
+    ];
+    command
+        .args(arguments)
+        .current_dir(at)
+        .env("TMPDIR", at.join("bin"));
+    command.env("PATH", format!("{}:{path}", at.join("bin").display()));
+    command.stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = command.spawn().expect("it starts");
+    let mut said = std::io::BufReader::new(child.stderr.take().expect("a pipe"));
+    let mut line = String::new();
+    said.read_line(&mut line).expect("text");
+    assert!(
+        line.starts_with("gmsh fills the surface: run 1 of at most 8, edges of "),
+        "{line}"
+    );
+    let id = std::fs::read_to_string(at.join("bin/id")).expect("it ran");
+    let told = Command::new("kill")
+        .args(["-INT", &child.id().to_string()])
+        .status();
+    assert!(told.is_ok_and(|told| told.success()));
+    said.read_to_string(&mut line).expect("text");
+    let output = child.wait_with_output().expect("it ends");
+    assert_eq!(output.status.code(), Some(130), "{line}");
+    assert!(
+        line.contains("stopped while gmsh filled the surface") && !line.contains("done after"),
+        "{line}"
+    );
+    let object: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(object["status"], "interrupted");
+    // Once it is gone nobody has its number, or a process that waits to be collected.
+    let state = std::fs::read_to_string(format!("/proc/{}/stat", id.trim())).unwrap_or_default();
+    assert!(state.is_empty() || state.contains(") Z "), "{state}");
+    let left: Vec<_> = std::fs::read_dir(at.join("bin"))
+        .expect("there")
+        .flatten()
+        .collect();
+    assert_eq!(left.len(), 2, "{left:?}");
+    assert!(!at.join("a.msh").exists());
 }
 
 /// The real program on a box with round coordinates, and on the ring of 256 triangles.

@@ -207,6 +207,22 @@ fn nothing_that_is_read_is_written_over() {
         vec!["solve", "scene.toml", "--out", "mesh.vtu"],
         vec!["solve", "scene.toml", "--out", "mesh-hard.vtu"],
     ];
+    // Files of a series have names of their own: any of them may be one that is read.
+    let recorded = sutura_in(at, &session("--record", "a.mcap"));
+    assert_eq!(recorded.code, 0, "{}", recorded.stderr);
+    for (folder, name, to) in [
+        ("first", "session-00000.vtu", "mesh.vtu"),
+        ("later", "session-12345.vtu", "mesh.vtu"),
+        ("list", "session.pvd", "tool.stl"),
+        ("again", "session-00001.vtu", "a.mcap"),
+    ] {
+        std::fs::create_dir(at.join(folder)).expect("a folder");
+        std::fs::hard_link(at.join(to), at.join(folder).join(name)).expect("a link");
+    }
+    for folder in ["first", "later", "list"] {
+        lines.push(session("--series", folder));
+    }
+    lines.push(vec!["replay", "a.mcap", "--series", "again"]);
     for to in [
         "scene.toml",
         "./scene-link.toml",
@@ -232,6 +248,140 @@ fn nothing_that_is_read_is_written_over() {
     }
 }
 
+/// Two outputs in one file would end with half of each, by whatever names it is called, and whether it is there or not.
+#[cfg(unix)]
+#[test]
+fn two_outputs_are_never_one_file() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = folder.path();
+    let scene = small(at, "scene.toml", "a");
+    std::fs::write(at.join("a.mcap"), "mine").expect("writable");
+    std::fs::hard_link(at.join("a.mcap"), at.join("hard.mcap")).expect("a link");
+    std::os::unix::fs::symlink("new.mcap", at.join("link.mcap")).expect("a link");
+    std::fs::create_dir(at.join("series")).expect("a folder");
+    std::os::unix::fs::symlink("../b.mcap", at.join("series/session-00003.vtu")).expect("a link");
+    let run = [
+        "run",
+        &scene,
+        "--lockstep",
+        "--seconds",
+        "0.1",
+        "--overwrite",
+    ];
+    let absolute = at.join("new.mcap").display().to_string();
+    for outputs in [
+        ["--record", "a.mcap", "--save-last", "./a.mcap"],
+        ["--record", "a.mcap", "--save-last", "hard.mcap"],
+        ["--record", "new.mcap", "--save-last", "link.mcap"],
+        ["--record", &absolute, "--save-last", "series/../new.mcap"],
+        ["--series", "series", "--save-last", "series/session.mcap"],
+        [
+            "--series",
+            "series",
+            "--save-last",
+            "series/session-00000.vtu",
+        ],
+        ["--series", "series", "--record", "./series/session.pvd"],
+        ["--series", "series", "--record", "b.mcap"],
+    ] {
+        let ran = sutura_in(at, &[&run[..], &outputs].concat());
+        assert_eq!(ran.code, 2, "{outputs:?}: {}", ran.stderr);
+        let said = "would write to one file";
+        assert!(ran.stderr.contains(said), "{outputs:?}: {}", ran.stderr);
+    }
+    let shot = [
+        "view",
+        &scene,
+        "--overwrite",
+        "--record",
+        "a.mcap",
+        "--shot",
+        "hard.mcap",
+    ];
+    let ran = sutura_in(at, &shot);
+    assert_eq!(ran.code, 2, "{}", ran.stderr);
+    let kept = std::fs::read_to_string(at.join("a.mcap")).expect("there");
+    assert_eq!(kept, "mine");
+    // Beside its pictures a recording of another name is welcome.
+    let apart = [
+        "--series",
+        "other",
+        "--record",
+        "other/mine.mcap",
+        "--save-last",
+        "other/last.mcap",
+    ];
+    let ran = sutura_in(at, &[&run[..], &apart].concat());
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    assert!(at.join("other/session-00000.vtu").is_file() && at.join("other/mine.mcap").is_file());
+}
+
+/// A pipe waits for a reader, and a folder takes nothing: both are told before any work, whoever would write there.
+#[cfg(unix)]
+#[test]
+fn only_plain_files_are_written() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = folder.path();
+    let scene = small(at, "scene.toml", "a");
+    let mesh = root().join("tests/data/cube_350.msh").display().to_string();
+    let surface = root().join("tests/data/ring.stl").display().to_string();
+    let run = ["run", &scene, "--lockstep", "--seconds", "0.1"];
+    let recorded = sutura_in(at, &[&run[..], &["--record", "whole.mcap"]].concat());
+    assert_eq!(recorded.code, 0, "{}", recorded.stderr);
+    let pipe = |name: &str| {
+        let made = std::process::Command::new("mkfifo")
+            .arg(at.join(name))
+            .status();
+        assert!(made.expect("mkfifo").success());
+    };
+    let ends = ["json", "mcap", "vtu", "png", "txt"];
+    for end in ends {
+        pipe(&format!("pipe.{end}"));
+        std::fs::create_dir(at.join(format!("folder.{end}"))).expect("a folder");
+    }
+    std::os::unix::fs::symlink("pipe.mcap", at.join("pipe-link.mcap")).expect("a link");
+    for folder in ["pictures", "tables"] {
+        std::fs::create_dir(at.join(folder)).expect("a folder");
+    }
+    pipe("pictures/session-00002.vtu");
+    pipe("tables/cases.jsonl");
+    let refused = |line: &[&str], said: &str| {
+        let line = [line, &["--overwrite"]].concat();
+        let ran = sutura_in(at, &line);
+        assert_eq!(ran.code, 2, "{line:?}: {}", ran.stderr);
+        for words in [
+            said,
+            "only plain files are written: name a file that is not there yet",
+        ] {
+            assert!(ran.stderr.contains(words), "{line:?}: {}", ran.stderr);
+        }
+    };
+    for (kind, said) in [("pipe", "it is a pipe"), ("folder", "it is a folder")] {
+        let [json, mcap, vtu, png, txt] = ends.map(|end| format!("{kind}.{end}"));
+        refused(&["solve", &scene, "--out", &json], said);
+        refused(&[&run[..], &["--record", &mcap]].concat(), said);
+        refused(&[&run[..], &["--save-last", &mcap]].concat(), said);
+        refused(&["view", &scene, "--record", &mcap], said);
+        refused(&["view", &scene, "--shot", &png], said);
+        refused(&["mesh", "convert", &mesh, "--out", &vtu], said);
+        refused(
+            &["mesh", "fill", &surface, "--nodes", "100", "--out", &vtu],
+            said,
+        );
+        refused(&["device", "selftest", "/dev/none", "--out", &txt], said);
+    }
+    let pipe = "it is a pipe";
+    refused(&[&run[..], &["--record", "pipe-link.mcap"]].concat(), pipe);
+    refused(&[&run[..], &["--series", "pictures"]].concat(), pipe);
+    refused(&["replay", "whole.mcap", "--series", "pictures"], pipe);
+    for command in ["stability", "tradeoff", "fidelity"] {
+        refused(&[command, "--plot", "tables"], pipe);
+    }
+    // A name that cannot be written is bad input, whoever finds out.
+    let none = sutura_in(at, &[&run[..], &["--record", "none/a.mcap"]].concat());
+    assert_eq!(none.code, 2, "{}", none.stderr);
+}
+
 /// A pipe that nobody writes to, a device without end and a folder are told at once, whatever is read.
 #[cfg(unix)]
 #[test]
@@ -239,7 +389,10 @@ fn only_plain_files_are_read() {
     let folder = tempfile::tempdir().expect("a folder");
     let at = folder.path();
     for (kind, said) in [
-        ("pipe", "it is a pipe"),
+        (
+            "pipe",
+            "it is a pipe, and only plain files are read: let the program that writes to it write a file",
+        ),
         ("zero", "it is a device"),
         ("folder", "it is a folder"),
     ] {
@@ -309,14 +462,16 @@ fn only_plain_files_are_read() {
     assert!(ran.stderr.contains("at most 67108864"), "{}", ran.stderr);
 }
 
-/// Terminal escapes in foreign names: a title, a clear screen, a bell, the same in one character of C1.
-const STEERS: &str = "\u{1b}]0;title\u{7}\u{1b}[2J\u{9b}31m";
+/// Terminal escapes in foreign names: a title, a clear screen, a bell, the same in one character of C1; an order turned around, twice,
+/// and the end of a line.
+const STEERS: &str = "\u{1b}]0;title\u{7}\u{1b}[2J\u{9b}31m\u{202e}txt\u{2066}\u{2028}";
 
 fn steers_nothing(ran: &crate::support::Ran, line: &[&str]) {
     for text in [&ran.stdout, &ran.stderr] {
-        let raw = text
-            .chars()
-            .find(|c| c.is_control() && !matches!(c, '\n' | '\t'));
+        let raw = text.chars().find(|c| {
+            (c.is_control() && !matches!(c, '\n' | '\t'))
+                || STEERS[1..].contains(*c) && !c.is_ascii()
+        });
         assert_eq!(raw, None, "{line:?}: {text:?}");
     }
 }

@@ -100,5 +100,6 @@ fn a_full_disk_takes_no_table() {
         let said = format!("cannot write out/{name}.json: ");
         assert!(ran.stderr.contains(&said), "{name}: {}", ran.stderr);
         assert!(ran.json()["cases"].is_array(), "{name}: {}", ran.stdout);
+        assert_eq!(ran.json()["status"], "failed", "{name}: {}", ran.stdout);
     }
 }

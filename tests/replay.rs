@@ -12,7 +12,8 @@ use std::time::{Duration, Instant};
 use sutura_hil::{NativeConsole, VirtualConsole};
 use sutura_host::link::LockstepConsole;
 use sutura_host::recording::replay::{
-    ConsoleVerdict, HostVerdict, NativeTicks, WholeConsole, replay_console, replay_host, stuffed,
+    ConsoleVerdict, HostVerdict, NativeTicks, Outcome, WholeConsole, replay_console, replay_host,
+    stuffed,
 };
 use sutura_host::recording::{
     About, Begins, Direction, End, Frame, Recorder, Recording, RecordingError, SolveSample,
@@ -322,8 +323,10 @@ fn the_last_seconds_are_compared_as_far_as_they_go() {
     let mut recording = in_lockstep("palpation.toml", 1.2, &folder.path().join("a.mcap"));
     recording.about.begins = Begins::Later;
     let console = of_console(&recording);
-    assert_eq!((console.why, console.poses), (None, 0));
+    assert_eq!((&console.why, console.poses), (&None, 0));
     assert!(console.ticks > 1000 && console.verified_ticks == console.ticks);
+    let outcome = Outcome::of(&recording, &console, &of_host(&recording));
+    assert_eq!(outcome, Outcome::NotReplayed);
     let host = of_host(&recording);
     assert_eq!((host.verified_steps, host.unverifiable_from), (0, Some(1)));
     assert!(
@@ -860,6 +863,7 @@ fn the_command_records_and_replays() {
     );
     assert_eq!(object["console"]["verified_ticks"], object["ticks"]);
     assert_eq!(object["console"]["hash"], object["hash"]);
+    assert_eq!(object["status"], "ok");
     assert_eq!(object["host"]["identical"], true);
     assert_eq!(object["host"]["largest_difference"], 0.0);
     assert_eq!(object["host"]["steps"], object["host"]["verified_steps"]);
@@ -877,7 +881,7 @@ fn the_command_records_and_replays() {
         "--record",
         "/nowhere/a.mcap",
     ]);
-    assert_eq!(ran.code, 1, "{}", ran.stderr);
+    assert_eq!(ran.code, 2, "{}", ran.stderr);
     assert!(ran.stderr.contains("/nowhere/a.mcap"), "{}", ran.stderr);
 }
 
@@ -955,6 +959,31 @@ fn the_last_seconds_are_saved_when_the_console_is_lost() {
     }
 }
 
+/// The recording of the whole session outlives whoever wants the last seconds in its place.
+#[cfg(unix)]
+#[test]
+fn the_last_seconds_are_never_written_over_the_whole_recording() {
+    let folder = TempDir::new().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let Recording { about, sources, .. } = in_lockstep("palpation.toml", 0.1, &at("a.mcap"));
+    let recorder = Recorder::start(Some(&at("whole.mcap")), about, sources).unwrap();
+    std::os::unix::fs::symlink("whole.mcap", at("link.mcap")).unwrap();
+    for name in ["whole.mcap", "link.mcap"] {
+        let error = recorder.save_last(&at(name)).unwrap_err().to_string();
+        assert!(
+            error.contains("the recording of the whole session"),
+            "{error}"
+        );
+    }
+    assert!(recorder.save_last(&at("last.mcap")).unwrap() > 0);
+    recorder.finish().unwrap();
+    let whole = Recording::read(&at("whole.mcap")).unwrap();
+    assert_eq!(
+        (whole.end, whole.about.begins),
+        (End::Whole, Begins::Session)
+    );
+}
+
 /// A file of the last seconds is no success for scripts; what it cannot give is said before any work, and before a browser starts.
 #[test]
 fn what_a_file_of_the_last_seconds_cannot_give_is_said_at_once() {
@@ -972,6 +1001,8 @@ fn what_a_file_of_the_last_seconds_cannot_give_is_said_at_once() {
     assert_eq!(ran.code, 9, "{}", ran.stderr);
     let object = ran.json();
     assert_eq!(object["console"]["verified_ticks"], object["ticks"]);
+    assert_eq!(object["status"], "not-replayed", "{object}");
+    assert_eq!(object["host"]["identical"], false, "{object}");
     assert_eq!(object["host"]["verified_steps"], 0);
     assert!(object["host"]["contacts"].as_u64() > Some(50), "{object}");
     for words in ["cannot be run again", "last seconds", "--record"] {

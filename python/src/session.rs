@@ -15,7 +15,8 @@ use sutura_host::recording::replay::{
     HostVerdict, NativeTicks, Report, compare_contacts, replay_console, replay_host_while,
 };
 use sutura_host::recording::{
-    About, Begins, Recorder, Recording, RecordingError, Tap, TappedConsole, TappedPort, TappedSolver,
+    About, Begins, Recorder, Recording, RecordingError, Tap, TappedConsole, TappedPort,
+    TappedSolver,
 };
 use sutura_host::scene::{self, LONGEST_S, Tissue};
 use sutura_host::session::{

@@ -1,5 +1,10 @@
 """Sessions with the virtual console: the same bits at every run, and again from a recording."""
 
+import os
+import pickle
+import struct
+from pathlib import Path
+
 import pytest
 
 import sutura
@@ -49,12 +54,13 @@ def test_a_recording_runs_again_to_the_bit_and_says_where_it_is_cut_off(felt, tm
     path = tmp_path / "session.mcap"
     sutura.run(sutura.scene(felt), record=path)
     report = sutura.replay(path)
-    assert report["diverged_at"] is None and report["cut_off"] is None
+    assert report["status"] == "ok" and report["diverged_at"] is None and report["cut_off"] is None
     assert report["host"]["identical"] and report["host"]["steps"] == report["host"]["verified_steps"] > 50
     assert report["console"]["verified_ticks"] == report["ticks"] > 500
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    assert sutura.replay(cut)["cut_off"]
+    report = sutura.replay(cut)
+    assert report["cut_off"] and report["status"] == "cut-off"
     with pytest.raises(sutura.Error, match="it is no MCAP file: give a file that `sutura run --record FILE` has written"):
         cut.write_bytes(b"no recording")
         sutura.replay(cut)
@@ -76,6 +82,62 @@ def test_a_recording_is_written_over_nothing_unless_asked_and_never_over_what_is
     assert other.read_bytes() == b"mine"
     sutura.run(sutura.scene(felt), record=other, seconds=0.05, overwrite=True)
     assert sutura.replay(other)["host"]["identical"]
+
+
+def last_seconds(recording: bytes) -> bytes:
+    """The same recording as one that begins in the middle of its session: a word in its second record, which is about it."""
+    begins = 8
+    begins += 9 + struct.unpack_from("<Q", recording, begins + 1)[0]
+    ends = begins + 9 + struct.unpack_from("<Q", recording, begins + 1)[0]
+    body = recording[begins + 9 : ends]
+    name = 4 + struct.unpack_from("<I", body)[0]
+    words = body[name + 4 :]
+    key = struct.pack("<I", 6) + b"begins"
+    value = words.index(key) + len(key)
+    length = struct.unpack_from("<I", words, value)[0]
+    words = words[:value] + struct.pack("<I", 5) + b"later" + words[value + 4 + length :]
+    body = body[:name] + struct.pack("<I", len(words)) + words
+    return recording[: begins + 1] + struct.pack("<Q", len(body)) + body + recording[ends:]
+
+
+def test_a_replay_says_what_could_not_be_compared(felt, tmp_path):
+    path = tmp_path / "session.mcap"
+    sutura.run(sutura.scene(felt), record=path)
+    path.write_bytes(last_seconds(path.read_bytes()))
+    report = sutura.replay(path)
+    assert (report["status"], report["diverged_at"]) == ("not-replayed", None)
+    host = report["host"]
+    assert (host["identical"], host["verified_steps"]) == (False, 0) and "last seconds" in host["why"]
+    assert host["contacts"] > 50, "contacts are compared as the command does"
+
+
+def test_what_a_scene_was_read_from_is_kept_wherever_the_program_goes(felt, tmp_path, monkeypatch):
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "devices").mkdir()
+    device = Path(__file__).parents[2] / "devices/cartesian-bench.toml"
+    (tmp_path / "mine.toml").write_text(device.read_text())
+    text = sutura.scene(felt | {"device": "mine.toml"}, directory=tmp_path).toml
+    (tmp_path / "scene.toml").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    scene = sutura.Scene.load("scene.toml")
+    as_text = sutura.Scene.from_toml(text, directory=".")
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    for one in (scene, as_text, pickle.loads(pickle.dumps(scene))):
+        files = ["mine.toml"] if one is as_text else ["mine.toml", "scene.toml"]
+        for file in files:
+            before = (tmp_path / file).read_bytes()
+            with pytest.raises(sutura.Error, match="which the scene is read from"):
+                sutura.run(one, record=tmp_path / file, seconds=0.05, overwrite=True)
+            assert (tmp_path / file).read_bytes() == before
+
+
+@pytest.mark.skipif(os.name == "nt", reason="has no such pipes")
+def test_a_recording_is_a_plain_file(felt, tmp_path):
+    os.mkfifo(tmp_path / "pipe.mcap")
+    (tmp_path / "folder.mcap").mkdir()
+    for name in ("pipe", "folder"):
+        with pytest.raises(sutura.Error, match=f"it is a {name}, and only plain files are written: name a file"):
+            sutura.run(sutura.scene(felt), record=tmp_path / f"{name}.mcap", seconds=0.05, overwrite=True)
 
 
 @pytest.mark.parametrize(

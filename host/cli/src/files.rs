@@ -139,7 +139,9 @@ pub fn folder(option: &str, path: &Path, global: &Global) -> Result<(), Failure>
         let path = entry?.path();
         match path.is_dir() {
             true => Ok(()),
-            false => may_write(&path),
+            false => may_write(&path).map_err(|error| {
+                io::Error::new(error.kind(), format!("{}: {error}", path.display()))
+            }),
         }
     };
     let made = std::fs::create_dir_all(path)

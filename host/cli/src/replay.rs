@@ -8,8 +8,8 @@ use crate::{Format, Global, display, files};
 use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
 use sutura_host::recording::replay::{
-    ConsoleVerdict, HostVerdict, NativeTicks, Outcome, Replayed, Report, compare_contacts, replay_console,
-    replay_host,
+    ConsoleVerdict, HostVerdict, NativeTicks, Outcome, Replayed, Report, compare_contacts,
+    replay_console, replay_host,
 };
 use sutura_host::recording::{About, Begins, End, Recording};
 use sutura_host::session::SceneSolver;

@@ -3,6 +3,7 @@
 //! Entry points: [`Layer`], which hears of it, and [`watch`], while whose guard lives it is shown: as a bar on a terminal, else
 //! as one line on stderr for each piece of work that takes longer than a second, and another every ten.
 
+use crate::signals::stopped;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::fmt;
 use std::io::IsTerminal;
@@ -109,7 +110,7 @@ impl Drop for Watched {
         if let Some(bar) = &last.bar {
             bar.finish_and_clear();
         }
-        if last.told && last.bar.is_none() {
+        if last.told && last.bar.is_none() && !stopped() {
             note!("done after {:.1} s", last.began.elapsed().as_secs_f64());
         }
     }
