@@ -8,7 +8,8 @@ use serde_json::{Map, Value};
 use std::ops::ControlFlow;
 use std::path::Path;
 use sutura_hil::{NativeConsole, VirtualConsole};
-use sutura_host::link::Order;
+use sutura_host::link::{LinkError, LockstepConsole, Order};
+use sutura_host::scene::BUILT_IN_DEVICES;
 use sutura_host::session::{
     EndingKind, Line, Plan, Progress, Solve, Solved, Steer, Steered, Summary, run_lockstep,
     run_real_time, run_steered,
@@ -17,6 +18,9 @@ use sutura_host::step::{Status, ToolContact};
 use sutura_shared::wire::Valid;
 use sutura_shared::wire::message::{Command, State};
 use sutura_testkit::{Random, full};
+
+/// Slew of a joint, so slow that the press is over before its force is there \[N/s\].
+const SLOW_N_PER_S: f64 = 21.0;
 
 /// A ball that a hand presses 8 mm into a slab; the modulus \[Pa\], and the device.
 fn press(youngs_modulus_pa: f64, device: &str) -> String {
@@ -95,6 +99,114 @@ fn a_force_that_the_device_cuts_off_is_said() {
     let replayed = sutura_in(folder.path(), &["replay", "press.mcap", "--format", "json"]);
     assert_eq!(replayed.code, 0, "{}", replayed.stderr);
     assert_eq!(&replayed.json()["console"]["ticks_limited"], limited);
+}
+
+/// A device file beside the scene: the bench console with some keys changed.
+fn bench(folder: &Path, changes: &[(&str, f64)]) {
+    let (_, text) = BUILT_IN_DEVICES[0];
+    let changed = |line: &str| {
+        let of = |key: &str| {
+            line.strip_prefix(key)
+                .is_some_and(|rest| rest.starts_with(" ="))
+        };
+        let change = changes.iter().find(|(key, _)| of(key));
+        change.map_or(line.to_owned(), |(key, value)| format!("{key} = {value:?}"))
+    };
+    let lines: Vec<String> = text.lines().map(changed).collect();
+    std::fs::write(folder.join("mine.toml"), lines.join("\n")).unwrap();
+}
+
+/// The words name the limit that cut, with its value as it was written, and the next step is one against that limit.
+#[test]
+fn the_limit_that_cut_is_named() {
+    let named = |changes: &[(&str, f64)]| {
+        let folder = tempfile::tempdir().unwrap();
+        bench(folder.path(), changes);
+        run(folder.path(), &press(20e3, "mine.toml"), &[])
+    };
+    for (changes, words, help) in [
+        (
+            ("max_force_n", 1.1),
+            "the device's largest force, 1.1 N, cut the force off in ",
+            "a device with more force",
+        ),
+        (
+            ("max_power_w", 0.003),
+            "the device's largest power, 0.003 W, cut the force off in ",
+            "a device with more force",
+        ),
+        (
+            ("max_current_a", 0.9),
+            "the largest current of a motor cut the force off in ",
+            "motors with more current",
+        ),
+    ] {
+        let (code, summary, stderr) = named(&[changes]);
+        let status = summary["status"].as_str().unwrap();
+        assert_eq!((code, word(&summary)), (0, "limited"), "{status}: {stderr}");
+        let said = format!("limited: {words}");
+        assert!(status.starts_with(&said), "{said}: {status}");
+        assert!(!status.contains(" in 0"), "{status}");
+        assert!(stderr.contains(&said) && stderr.contains(help), "{stderr}");
+    }
+    // Gravity alone takes more than these motors have.
+    let (code, summary, stderr) = named(&[("max_current_a", 0.01)]);
+    let status = summary["status"].as_str().unwrap();
+    assert_eq!((code, word(&summary)), (8, "not-rendered"), "{status}");
+    let words = "N: the largest current of a motor cut the force off in ";
+    assert!(status.contains(words), "{status}");
+    for help in [words, "motors with more current"] {
+        assert!(stderr.contains(help), "{help}: {stderr}");
+    }
+    assert!(!stderr.contains("came too late"), "{stderr}");
+}
+
+/// Slew that lets less than half of the force through: not `ok`, and said.
+#[test]
+fn a_force_that_slew_takes_away_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    bench(folder.path(), &[("max_slew_n_per_s", SLOW_N_PER_S)]);
+    let (code, summary, stderr) = run(folder.path(), &press(20e3, "mine.toml"), &[]);
+    assert_eq!((code, word(&summary)), (0, "limited"), "{summary}");
+    let force = |key: &str| summary["force_n"][key].as_f64().unwrap();
+    assert!(force("peak") < 0.5 * force("solved_peak"), "{summary}");
+    for words in ["limited: ", "ticks_withheld", "more slew"] {
+        assert!(stderr.contains(words), "{words}: {stderr}");
+    }
+}
+
+/// A line that brings every frame of the console twice.
+struct Twice(NativeConsole);
+
+impl LockstepConsole for Twice {
+    fn exchange(&mut self, down: &[u8], up: &mut Vec<u8>) -> Result<(), LinkError> {
+        self.0.exchange(down, up)?;
+        up.extend_from_within(..);
+        Ok(())
+    }
+
+    fn name(&self) -> &str {
+        "twice"
+    }
+}
+
+/// Frames that are refused all the time leave a session `ok`, and are said with the reason that came most.
+#[test]
+fn many_refused_frames_are_said() {
+    let ran = |console: &mut dyn LockstepConsole| {
+        let go_on = |_: &Progress<'_>| ControlFlow::Continue(());
+        run_lockstep(console, &plan(0.5), &mut Plane, go_on).unwrap()
+    };
+    let good = ran(&mut NativeConsole::new(&device()).unwrap());
+    assert!(good.refusals.is_empty(), "{:?}", good.refusals);
+    let twice = ran(&mut Twice(NativeConsole::new(&device()).unwrap()));
+    assert_eq!(twice.status, "ok");
+    let said = twice.refusals.concat();
+    assert!(
+        said.contains("frames of the console were refused")
+            && said.contains("duplicate or out of order"),
+        "{said}"
+    );
 }
 
 /// Pa where kPa were meant: nobody feels it, and the run says so.
@@ -199,6 +311,7 @@ struct Drawn {
     stiffness_n_per_m: f64,
     max_force_n: f64,
     max_power_w: f64,
+    max_slew_n_per_s: f64,
     /// Part of the steps in contact that end inside.
     inside: f64,
     /// Whether steps foretell a contact that none of them finds.
@@ -270,6 +383,9 @@ fn session(drawn: Drawn) -> (Summary, Springs, [u32; 2]) {
     let plan = plan(0.9);
     let mut device = device();
     (device.max_force_n, device.max_power_w) = (drawn.max_force_n as f32, drawn.max_power_w as f32);
+    for joint in &mut device.joints {
+        joint.max_slew_per_s = drawn.max_slew_n_per_s as f32;
+    }
     let plan = Plan { device, ..plan };
     let mut console = NativeConsole::new(&device).unwrap();
     let mut solver = Springs {
@@ -289,6 +405,7 @@ const SOUND: Drawn = Drawn {
     stiffness_n_per_m: 300.0,
     max_force_n: 10.0,
     max_power_w: 5.0,
+    max_slew_n_per_s: 2000.0,
     inside: 0.0,
     ghost: false,
     mute: false,
@@ -313,6 +430,14 @@ fn each_ending_has_its_word() {
             Limited,
             Drawn {
                 max_power_w: 0.01,
+                ..SOUND
+            },
+        ),
+        (
+            Limited,
+            Drawn {
+                stiffness_n_per_m: 1400.0,
+                max_slew_n_per_s: 20.1,
                 ..SOUND
             },
         ),
@@ -362,8 +487,8 @@ fn each_ending_has_its_word() {
     }
 }
 
-/// No session ends `ok` when more than ten ticks were cut by force or power, a tool was inside, or a contact was found and
-/// nothing felt, or the other way round.
+/// No session ends `ok` when more than ten ticks were cut by force or power, or by slew or energy account with less than half of
+/// the force felt; when a tool was inside; or when a contact was found and nothing felt, or the other way round.
 #[test]
 fn no_session_that_ends_ok_was_cut_inside_or_felt_otherwise() {
     let seed = std::env::var("PROPTEST_RNG_SEED").ok();
@@ -377,6 +502,7 @@ fn no_session_that_ends_ok_was_cut_inside_or_felt_otherwise() {
             stiffness_n_per_m: 10f64.powf(random.between(-3.0, 3.5)),
             max_force_n: random.between(0.5, 10.0),
             max_power_w: 10f64.powf(random.between(-2.5, 0.7)),
+            max_slew_n_per_s: 0.0,
             inside: if random.chance(0.3) {
                 random.unit()
             } else {
@@ -385,6 +511,11 @@ fn no_session_that_ends_ok_was_cut_inside_or_felt_otherwise() {
             ghost: random.chance(0.1),
             mute: random.chance(0.1),
             seed: random.bits(),
+        };
+        // Twice the largest force a second is the least that a device may have.
+        let drawn = Drawn {
+            max_slew_n_per_s: drawn.max_force_n * 10f64.powf(random.between(0.31, 2.5)),
+            ..drawn
         };
         let (summary, solver, [force, power]) = session(drawn);
         let said = format!("{drawn:?}: {}, {:?}", summary.status, summary.force_n);
@@ -399,6 +530,12 @@ fn no_session_that_ends_ok_was_cut_inside_or_felt_otherwise() {
         }
         good += 1;
         assert!(force <= 10 && power <= 10, "{said}");
+        let slew = ticks.slew.unwrap_or(0);
+        let is_half = summary.force_n.peak >= 0.5 * summary.force_n.solved_peak;
+        assert!(
+            is_half || (slew <= 10 && summary.ticks_withheld <= 10),
+            "{said}: {ticks:?}"
+        );
         assert_eq!(solver.inside, 0, "{said}");
         let felt_n = summary.force_n.peak;
         assert!(solver.largest_n < 0.05 || felt_n > 5e-3, "{said}");

@@ -519,6 +519,83 @@ fn a_recording_has_a_time_line() {
     assert_eq!(running.stop().0, 0);
 }
 
+/// A recording whose pictures take some seconds to make.
+#[cfg(unix)]
+fn long_recording(folder: &std::path::Path) -> String {
+    let text = std::fs::read_to_string(root().join("scenes/palpation.toml")).unwrap();
+    let scene = folder.join("scene.toml");
+    std::fs::write(
+        &scene,
+        text.replacen("divisions = [20, 20, 8]", "divisions = [24, 24, 9]", 1),
+    )
+    .unwrap();
+    let (scene, file) = (scene.to_str().unwrap(), folder.join("long.mcap"));
+    let file = file.to_str().unwrap().to_owned();
+    let ran = sutura(&[
+        "run",
+        scene,
+        "--lockstep",
+        "--seconds",
+        "2",
+        "--record",
+        &file,
+    ]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    file
+}
+
+/// Ctrl-C while a recording is built and run again: that is left, with the code of an interrupt.
+#[cfg(unix)]
+#[test]
+fn a_recording_that_is_run_again_is_left_at_once() {
+    let folder = tempdir().unwrap();
+    let file = long_recording(folder.path());
+    let began = Instant::now();
+    loop {
+        let running = Running::start(&["view", &file, "--view-port", "0"]);
+        let (code, _) = running.stop();
+        // A machine that is late has it run again by then.
+        if code != 0 {
+            assert_eq!(code, 130);
+            return;
+        }
+        assert!(began.elapsed() < LONG, "it was never left");
+    }
+}
+
+/// Ctrl-C before a picture is taken, also by a browser that does not answer.
+#[cfg(unix)]
+#[test]
+fn a_picture_is_not_waited_for_after_ctrl_c() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempdir().unwrap();
+    let browser = folder.path().join("chromium");
+    let answers = "#!/bin/sh\n[ \"$1\" = --version ] || exec sleep 60\n";
+    std::fs::write(&browser, answers).unwrap();
+    std::fs::set_permissions(&browser, std::fs::Permissions::from_mode(0o755)).unwrap();
+    let recording = folder.path().join("short.mcap");
+    let recording = recording.to_str().unwrap();
+    let ran = sutura(&[
+        "run",
+        "--lockstep",
+        "--seconds",
+        "0.2",
+        "--record",
+        recording,
+    ]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let path = std::env::var("PATH").unwrap();
+    let path = format!("{}:{path}", folder.path().display());
+    let shot = folder.path().join("shot.png");
+    for shown in [recording, "scenes/palpation.toml"] {
+        let line = ["view", shown, "--view-port", "0", "--at", "0.1", "--shot"];
+        let line = [&line[..], &[shot.to_str().unwrap()]].concat();
+        let (code, _) = Running::start_with(&line, &[("PATH", &path)]).stop();
+        assert_eq!(code, 130, "{shown}");
+        assert!(!shot.exists());
+    }
+}
+
 /// In real time a page disarms and arms, and nothing arms by itself what it has stopped.
 #[test]
 fn a_page_stops_and_arms_a_session_in_real_time() {
@@ -856,7 +933,7 @@ fn half_requests_beside_a_session_shut_nobody_out() {
 #[cfg(target_os = "linux")]
 #[test]
 fn the_key_is_in_no_command_line() {
-    use std::os::unix::fs::PermissionsExt as _;
+    use std::os::unix::fs::PermissionsExt;
     let folder = tempdir().unwrap();
     let program = folder.path().join("xdg-open");
     let said = folder.path().join("said");

@@ -27,7 +27,12 @@ pub fn patient() -> LinkOptions {
 /// Whether a session in real time ended in one of the ways that it may: where the machine let the host wait for half a
 /// second, the console has gone to rest; and where it was late all the time, too little of its contact was felt.
 pub fn ended_well(summary: &Summary) -> bool {
-    let late = ["not-rendered: ", "behind: "];
+    // What an outage took away comes back slowly.
+    let late = [
+        "not-rendered: ",
+        "behind: ",
+        "limited: force that no motion",
+    ];
     let is_late = late.iter().any(|word| summary.status.starts_with(word));
     summary.status == "ok" || went_idle(summary) || is_late
 }

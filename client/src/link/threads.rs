@@ -20,7 +20,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use sutura_shared::link::{Counters, HostEvent, HostLink, SendError};
 use sutura_shared::wire::message::{Command, Hello, Ping, State};
-use sutura_shared::wire::{MAX_FRAME, Valid};
+use sutura_shared::wire::{MAX_FRAME, Reject, Valid};
 
 /// How long a closing link waits for its threads. A write to a console that no longer takes bytes never
 /// returns; its thread is then left behind.
@@ -84,6 +84,8 @@ impl Default for LinkOptions {
 pub struct LinkCounters {
     /// Frames, as the host's end counted them.
     pub frames: Counters,
+    /// Why most of the host's end's refused frames were, and how many of them.
+    pub refused_most: Option<(Reject, u32)>,
     /// Contact frames written.
     pub contacts_sent: u64,
     /// Solves of which nothing was written, since the console would have refused it.
@@ -416,8 +418,10 @@ impl Link {
     /// What went over the link so far.
     pub fn counters(&self) -> LinkCounters {
         let shared = &self.shared;
+        let refused_most = lock(&shared.unusable).refused_most();
         LinkCounters {
             frames: sum(*lock(&shared.before), lock(&shared.end).counters()),
+            refused_most,
             contacts_sent: shared.contacts_sent.load(Ordering::Relaxed),
             contacts_unsendable: shared.contacts_unsendable.load(Ordering::Relaxed),
             states_superseded: shared.states.superseded(),
@@ -523,7 +527,7 @@ impl<L: FnMut(Heard<'_>)> Reader<L> {
         duty: &mut Option<Duty>,
     ) -> Option<LinkError> {
         let opened = Instant::now();
-        *lock(&self.shared.unusable) = Unusable::default();
+        lock(&self.shared.unusable).begin();
         let mut advance = Advance::new(self.options.tick_hz, self.options.silent_after);
         let mut counted = u32::from(self.hear(rest, opened, &mut advance));
         let is_first = lock(&self.shared.status).sessions == 1;

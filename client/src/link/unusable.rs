@@ -47,6 +47,8 @@ pub struct Unusable {
     bytes: u64,
     /// Frames refused, by reason, the newest kind last.
     refused: Vec<(Reject, u32)>,
+    /// The same since the link's first session began.
+    all: Vec<(Reject, u32)>,
     /// Refused frames that the link's end had counted before.
     known: u32,
     /// States since the one that counted; ticks of that one and of the newest.
@@ -70,10 +72,25 @@ impl Unusable {
         let Some(reject) = counters.last_reject.filter(|_| new > 0) else {
             return;
         };
-        match self.refused.iter_mut().find(|(kind, _)| *kind == reject) {
-            Some((_, count)) => *count = count.saturating_add(new),
-            None => self.refused.push((reject, new)),
+        for refused in [&mut self.refused, &mut self.all] {
+            match refused.iter_mut().find(|(kind, _)| *kind == reject) {
+                Some((_, count)) => *count = count.saturating_add(new),
+                None => refused.push((reject, new)),
+            }
         }
+    }
+
+    /// Returns the reason for which most frames were refused in all sessions, and how many.
+    pub fn refused_most(&self) -> Option<(Reject, u32)> {
+        most(&self.all)
+    }
+
+    /// Begins anew for another session, whose end has counted nothing.
+    pub fn begin(&mut self) {
+        *self = Unusable {
+            all: std::mem::take(&mut self.all),
+            ..Unusable::default()
+        };
     }
 
     /// Adds a state that did not count.
@@ -117,9 +134,8 @@ impl fmt::Display for Unusable {
         }
         let refused = self.refused.iter().map(|(_, count)| *count);
         let refused = refused.fold(0, u32::saturating_add);
-        let most = self.refused.iter().max_by_key(|(_, count)| *count);
-        match most {
-            Some((reject, count)) if *count == refused => {
+        match most(&self.refused) {
+            Some((reject, count)) if count == refused => {
                 write!(f, "{refused} frames were refused: {reject}")
             }
             Some((reject, count)) => {
@@ -138,6 +154,11 @@ impl fmt::Display for Unusable {
             None => f.write_str("nothing came"),
         }
     }
+}
+
+/// The reason that came most.
+fn most(refused: &[(Reject, u32)]) -> Option<(Reject, u32)> {
+    refused.iter().max_by_key(|(_, count)| *count).copied()
 }
 
 #[cfg(test)]
@@ -194,6 +215,7 @@ mod tests {
         assert!(unusable.is_refused());
         unusable.counted(17);
         assert_eq!(unusable.to_string(), "nothing came");
+        assert_eq!(unusable.refused_most(), Some((Reject::Sequence, 30)));
         unusable.stood(17);
         unusable.stood(18);
         assert!(!unusable.is_refused());

@@ -575,11 +575,17 @@ pub fn limited(ticks: &LimitedTicks) -> Option<String> {
         ("speed", ticks.speed),
         ("slew", ticks.slew),
     ];
+    let some = |count: Option<u64>| count.filter(|count| *count > 0);
     let counts = counts
         .into_iter()
-        .filter_map(|(name, count)| Some((name, count.filter(|count| *count > 0)?)));
+        .filter_map(|(name, count)| Some((name, some(count)?)));
     let said: Vec<String> = counts
-        .map(|(name, count)| format!("{name} in {count} ticks"))
+        .map(|(name, count)| match some(ticks.current) {
+            Some(current) if name == "force" => {
+                format!("force in {count} ticks, {current} of them by a motor's current")
+            }
+            _ => format!("{name} in {count} ticks"),
+        })
         .collect();
     (!said.is_empty()).then(|| said.join(", "))
 }

@@ -76,7 +76,8 @@ impl Cause {
                  lacks their beginning; what needs no past was compared, and is as recorded"
             }
             Cause::Interrupted => {
-                "by Ctrl-C or `kill` before a table was whole: it has what there was by then; of other commands one before a console's first state, or a second Ctrl-C"
+                "by Ctrl-C or `kill` before a table was whole: it has what there was by then; of other commands one before a console's first state, \
+                 before a recording that is shown had been run again, a picture was taken or a series drawn, or a second Ctrl-C"
             }
         }
     }

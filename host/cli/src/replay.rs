@@ -4,12 +4,15 @@ use crate::failure::{Cause, Failure};
 use crate::recording::{build, failure};
 use crate::run::positive;
 use crate::series::{self, SERIES_HZ, Series};
+use crate::signals::{Stoppable, then, unfinished};
 use crate::{Format, Global, display, files};
 use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use sutura_host::recording::replay::{
     ConsoleVerdict, HostVerdict, NativeTicks, Outcome, Replayed, Report, compare_contacts,
-    replay_console, replay_host,
+    replay_console, replay_host_while,
 };
 use sutura_host::recording::{About, Begins, End, Recording};
 use sutura_host::session::SceneSolver;
@@ -83,7 +86,8 @@ pub fn run(args: &ReplayArgs, global: &Global) -> Result<(), Failure> {
     }
     let console = console(args, &recording)?;
     let series = args.series.as_deref().map(|dir| (dir, args.series_hz));
-    let (host, pictures) = host(&recording, series)?;
+    // A signal ends this at once: it has no handler.
+    let (host, pictures) = host(&recording, series, &AtomicBool::new(false))?;
     let here = here(&recording);
     let same_bits = recording.about.same_bits(&here);
     let verdict = verdict(args, &recording, &console, &host, same_bits);
@@ -146,6 +150,7 @@ fn console(args: &ReplayArgs, recording: &Recording) -> Result<ConsoleVerdict, F
 fn host(
     recording: &Recording,
     series: Option<(&Path, f64)>,
+    stop: &AtomicBool,
 ) -> Result<(HostVerdict, Option<usize>), Failure> {
     let about = &recording.about;
     if about.begins == Begins::Later {
@@ -157,10 +162,11 @@ fn host(
     drop(shown);
     let same_bits = about.same_bits(&here(recording));
     let mut series = series.map(|(folder, hz)| Series::new(folder, &scene, hz));
-    let verdict = replay_host(recording, &mut solver, same_bits, |solver, here| {
+    let verdict = replay_host_while(recording, &mut solver, same_bits, |solver, here| {
         if let Some(series) = &mut series {
             series.see(solver, here.console_time_us);
         }
+        then(stop)
     });
     let Some(series) = series else {
         return Ok((verdict, None));
@@ -173,10 +179,16 @@ fn host(
 /// Draws a session that has been recorded.
 ///
 /// # Errors
-/// A recording that cannot be read, or files that cannot be written.
-pub fn draw(recording: &Path, folder: &Path, hz: f64) -> Result<(), Failure> {
+/// A recording that cannot be read, files that cannot be written, `stop` that was set before.
+pub fn draw(recording: &Path, series: (&Path, f64), stop: &Arc<AtomicBool>) -> Result<(), Failure> {
     let recording = Recording::read(recording).map_err(failure)?;
-    host(&recording, Some((folder, hz))).map(|_| ())
+    let _ends = Stoppable::by(stop);
+    let drawn = host(&recording, Some(series), stop);
+    if stop.load(Ordering::Relaxed) {
+        let help = "the session is whole, and so is its recording: `sutura replay FILE --series DIR` draws it";
+        return Err(unfinished("not all pictures were drawn", help));
+    }
+    drawn.map(|_| ())
 }
 
 fn text(

@@ -15,6 +15,7 @@ use crate::{Format, Global, files};
 use clap::{Args, ValueEnum};
 use std::ops::ControlFlow;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 #[cfg(unix)]
@@ -318,14 +319,22 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
         board_rows_hz,
         ..summary
     };
+    // A signal that has ended the session is not one that ends this.
+    let stop_drawing = match stop.load(Ordering::Relaxed) {
+        true => Arc::default(),
+        false => stop.clone(),
+    };
     let drawn = || match (&args.series, recording::file(args)) {
-        (Some(folder), Some(file)) => replay::draw(&file, folder, args.series_hz),
+        (Some(folder), Some(file)) => replay::draw(&file, (folder, args.series_hz), &stop_drawing),
         _ => Ok(()),
     };
     // Before the summary, whose status says all that went wrong.
     let verdict = recorded.and_then(|()| drawn());
     let verdict = verdict.map_err(Failure::after_summary);
     let verdict = verdict.and_then(|()| self::verdict(args, &summary));
+    for refused in &summary.refusals {
+        note!("{refused}; {REFUSED_HELP}");
+    }
     let summary = said_of(summary, &verdict);
     match global.format {
         Format::Json => display::object(&summary),
@@ -694,7 +703,7 @@ fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
             return Err(Failure::say(Cause::NotRendered, message, help).after_summary());
         }
         EndingKind::Idle => return Err(let_go(args, summary).after_summary()),
-        EndingKind::Limited => note!("limited: {why}; {LIMITED_HELP}"),
+        EndingKind::Limited => note!("limited: {why}; {}", limited_help(summary)),
         EndingKind::Stopped => note!("stopped: {why}"),
         _ => {}
     }
@@ -715,8 +724,23 @@ fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
 }
 
 /// Next step of a session whose force the device cut off.
-const LIMITED_HELP: &str =
-    "`ticks_limited` counts the ticks by limit; press less deep, or take a device with more force";
+fn limited_help(summary: &Summary) -> &'static str {
+    let ticks = &summary.ticks_limited;
+    match ticks.are_many() {
+        true if 2 * ticks.current.unwrap_or(0) > ticks.force => {
+            "`ticks_limited` counts the ticks by limit; press less deep, or take motors with more current"
+        }
+        true => {
+            "`ticks_limited` counts the ticks by limit; press less deep, or take a device with more force"
+        }
+        false => {
+            "`ticks_limited` and `ticks_withheld` count the ticks; begin outside the tissue, go slower, or take a device with more slew"
+        }
+    }
+}
+
+/// Next step of a session whose link refused many frames.
+const REFUSED_HELP: &str = "`frames` counts them; check the cable and what else writes to the port, and that both ends are of one build";
 
 /// Describes a session whose forces cannot be trusted, and says the next step.
 fn distrust(kind: EndingKind, summary: &Summary) -> (String, &'static str) {
@@ -734,7 +758,10 @@ fn distrust(kind: EndingKind, summary: &Summary) -> (String, &'static str) {
         ),
         _ => (
             format!("what was touched was not felt: {why}"),
-            help_for_withheld(summary.mostly_withheld()),
+            match summary.mostly_withheld() {
+                None if summary.is_cut() => limited_help(summary),
+                why => help_for_withheld(why),
+            },
         ),
     }
 }

@@ -4,6 +4,8 @@ use crate::failure::{Cause, Failure};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+use sutura_host::work;
 
 /// A flag that the first signal sets.
 ///
@@ -28,6 +30,54 @@ pub fn interrupted(lines: usize) -> Failure {
     Failure::say(Cause::Interrupted, message, help).after_summary()
 }
 
+/// What a command says whose work had not come so far that it has a result.
+pub fn unfinished(what: &str, help: &str) -> Failure {
+    Failure::say(Cause::Interrupted, format!("interrupted: {what}"), help)
+}
+
+/// Long work on this thread ends at its next stage once a flag is set, as long as this lives.
+pub struct Stoppable(());
+
+impl Stoppable {
+    /// By this flag.
+    pub fn by(stop: &Arc<AtomicBool>) -> Self {
+        work::stop_with(Some(stop.clone()));
+        Self(())
+    }
+}
+
+impl Drop for Stoppable {
+    fn drop(&mut self) {
+        work::stop_with(None);
+    }
+}
+
+/// A signal ends the program within [`GRACE`], in the midst of a stage too, as long as this lives: nothing is lost by that.
+#[cfg(feature = "view")]
+pub struct Hasty(());
+
+#[cfg(feature = "view")]
+impl Hasty {
+    /// From now on.
+    pub fn begin() -> Self {
+        HASTY.store(true, Ordering::Relaxed);
+        Self(())
+    }
+}
+
+#[cfg(feature = "view")]
+impl Drop for Hasty {
+    fn drop(&mut self) {
+        HASTY.store(false, Ordering::Relaxed);
+    }
+}
+
+/// Longest time from a signal to the end of work that loses nothing.
+const GRACE: Duration = Duration::from_secs(1);
+
+/// See [`Hasty`].
+static HASTY: AtomicBool = AtomicBool::new(false);
+
 /// Whether a signal came.
 static STOPPED: AtomicBool = AtomicBool::new(false);
 
@@ -42,11 +92,17 @@ fn on_signals(first: impl Fn() + Send + 'static) -> Result<Arc<AtomicBool>, Fail
     let set = ctrlc::set_handler(move || {
         STOPPED.store(true, Ordering::Relaxed);
         if flag.swap(true, Ordering::Relaxed) {
-            #[cfg(feature = "top")]
-            crate::top::terminal::restore();
-            std::process::exit(i32::from(Cause::Interrupted.code()));
+            end();
         }
         first();
+        // The second signal is heard meanwhile.
+        std::thread::spawn(|| {
+            std::thread::sleep(GRACE);
+            if HASTY.load(Ordering::Relaxed) {
+                note!("interrupted");
+                end();
+            }
+        });
     });
     set.map_err(|error| {
         Failure::say(
@@ -56,6 +112,13 @@ fn on_signals(first: impl Fn() + Send + 'static) -> Result<Arc<AtomicBool>, Fail
         )
     })?;
     Ok(stop)
+}
+
+/// Ends the program where it is.
+fn end() -> ! {
+    #[cfg(feature = "top")]
+    crate::top::terminal::restore();
+    std::process::exit(i32::from(Cause::Interrupted.code()))
 }
 
 /// Whether to go on with what is measured line by line.

@@ -23,7 +23,7 @@ pub enum EndingKind {
     Stopped,
     /// The console let go by itself.
     Idle,
-    /// Limits of the device took a part of the force away.
+    /// Limits of the device, or its energy account, took a part of the force away.
     Limited,
     /// None of these.
     #[default]

@@ -357,6 +357,7 @@ pub fn run_steered(
         }
     }
     counters.frames = line.end.counters();
+    counters.refused_most = line.unusable.refused_most();
     let per_s =
         |bytes: u64| bytes as f64 * f64::from(plan.tick_hz) / f64::from(line.exchanges.max(1));
     let link = LinkSummary {

@@ -9,7 +9,7 @@ use super::ending::{Ending, EndingKind};
 use super::fault_names;
 use super::heard::Fate;
 use super::horizon::Horizon;
-use super::limited::{LimitWatch, LimitedTicks};
+use super::limited::{Cuts, LimitWatch, LimitedTicks};
 use super::overload::GivenUp;
 use super::summary::{
     Age, Energy, Force, Frames, Latency, Percentiles, SafeStop, StepTime, Summary,
@@ -107,6 +107,9 @@ const UNDERWAY: u64 = 4;
 pub(super) const MOST_SPOILT: f64 = 0.2;
 /// Steps in contact of which that part says something \[s of planned steps\].
 const LEAST_CONTACT_S: f64 = 0.25;
+/// Part of an end's frames that a good line has it refuse, and how many in any case.
+const MOST_REFUSED: f64 = 0.01;
+const FEW_REFUSED: u64 = 10;
 /// Contacts that may be on their way, see [`super::Underway`].
 const MOST_UNDERWAY: usize = 128;
 /// Part of a second that solves must fill for their mean to be that of a second \[ns\].
@@ -213,7 +216,8 @@ impl Statistics {
     pub fn of(plan: &Plan) -> Self {
         let mut new = Statistics::new(plan.host_hz);
         new.horizon.at_least(plan.horizon_us);
-        new.limits.max_force_n = plan.device.max_force_n.into();
+        new.limits.max_force_n = plan.device.max_force_n;
+        new.limits.max_power_w = plan.device.max_power_w;
         new.had_fixture = plan.fixture != Fixture::None;
         new
     }
@@ -482,8 +486,10 @@ impl Statistics {
         }
         let is_found = self.forceful_steps > UNDERWAY && self.solved_peak_n > FELT_N;
         if is_found && self.peak_n < FAINT_N {
+            let words = self.cut_words();
+            let words = words.map_or(String::new(), |words| format!(": {words}"));
             return Some(format!(
-                "steps found up to {:.3} N, and the largest force on the grip was {:.4} N",
+                "steps found up to {:.3} N, and the largest force on the grip was {:.4} N{words}",
                 self.solved_peak_n, self.peak_n
             ));
         }
@@ -536,19 +542,33 @@ impl Statistics {
         })
     }
 
-    /// Ticks that the device's limits changed, if there were many.
+    /// What took a part of the force away.
+    fn cuts(&self) -> Cuts {
+        Cuts {
+            limited: self.limited(),
+            withheld: self.ticks_withheld,
+            felt_n: self.peak_n,
+            solved_n: self.solved_peak_n,
+        }
+    }
+
+    /// Names the limits that took a part of the force away; none if that was little.
+    fn cut_words(&self) -> Option<String> {
+        let LimitWatch {
+            max_force_n,
+            max_power_w,
+            ..
+        } = self.limits;
+        self.cuts().words([max_force_n, max_power_w])
+    }
+
+    /// How much was felt of a force that was cut off, if it was.
     fn cut_off(&self) -> Option<String> {
-        let ticks = self.limited();
-        let power = ticks.power.filter(|power| *power > 0);
-        let power = power.map_or(String::new(), |power| {
-            format!(", its largest power in {power}")
-        });
-        ticks.are_many().then(|| {
-            format!(
-                "the device's largest force, {} N, cut the force off in {} ticks{power}: {:.3} N were felt of {:.3} N that steps found",
-                self.limits.max_force_n, ticks.force, self.peak_n, self.solved_peak_n
-            )
-        })
+        let words = self.cut_words()?;
+        Some(format!(
+            "{words}: {:.3} N were felt of {:.3} N that steps found",
+            self.peak_n, self.solved_peak_n
+        ))
     }
 
     /// The session's ending, by the console's mode and faults at its end.
@@ -648,6 +668,7 @@ impl Statistics {
             } else {
                 0.0
             },
+            refusals: refusals(link, console.rejected),
             steps_withheld: self.withheld(link),
             withheld_last: self.withheld_last,
             decays: self.decays,
@@ -690,6 +711,31 @@ impl Statistics {
     }
 }
 
+/// Says for each end of the link that refused more of its frames than a line that is good makes it.
+fn refusals(link: &LinkCounters, by_console: u64) -> Vec<String> {
+    let many = |refused: u64, of: u64| {
+        refused > FEW_REFUSED && refused as f64 > MOST_REFUSED * of.max(1) as f64
+    };
+    let mut said = Vec::new();
+    let refused = u64::from(link.frames.frames_rejected);
+    let came = u64::from(link.frames.frames_received) + refused;
+    if many(refused, came) {
+        let why = link.refused_most.map_or(String::new(), |(reject, count)| {
+            format!(", {count} of them: {reject}")
+        });
+        said.push(format!(
+            "{refused} of {came} frames of the console were refused{why}"
+        ));
+    }
+    let sent = u64::from(link.frames.frames_sent);
+    if many(by_console, sent) {
+        said.push(format!(
+            "the console refused {by_console} of the {sent} frames that it was sent"
+        ));
+    }
+    said
+}
+
 /// What the console counted during the session.
 #[derive(Clone, Copy, Debug, Default)]
 struct ConsoleCounts {
@@ -717,6 +763,8 @@ mod tests {
     use super::*;
     use crate::session::Rendering;
     use crate::step::{Status, ToolContact};
+    use sutura_shared::link::Counters;
+    use sutura_shared::wire::Reject;
 
     fn state(tick: u32, z: f32, force: f32) -> State {
         State {
@@ -913,7 +961,7 @@ mod tests {
     fn a_few_steps_of_a_kind_say_nothing_but_inside() {
         let ended = |change: &dyn Fn(&mut Statistics)| {
             let mut tally = Statistics::new(200.0);
-            tally.limits.max_force_n = 2.0;
+            (tally.limits.max_force_n, tally.limits.max_power_w) = (2.0, 3.2);
             tally.state(&state(0, 0.0, 1.0));
             (0..100).for_each(|_| tally.step(&in_contact(1.0), Duration::ZERO));
             let frame = in_contact(1.0).frames(&state(0, 0.0, 0.0), 40_000, Rendering::Hold);
@@ -966,11 +1014,81 @@ mod tests {
             })
         };
         assert_eq!(own(10, 10), "ok");
-        assert!(own(11, 0).starts_with("limited: "));
+        assert!(own(11, 0).starts_with("limited: the device's largest force, 2 N, cut"));
         assert!(
-            own(0, 11).contains("its largest power in 11"),
+            own(0, 11)
+                .starts_with("limited: the device's largest power, 3.2 W, cut the force off in 11"),
             "{}",
             own(0, 11)
+        );
+    }
+
+    /// Slew and energy account have a few ticks in most sessions: they count where less than half of the force was felt.
+    #[test]
+    fn little_of_a_force_is_said_with_what_took_it() {
+        let ended = |solved_n: f64, withheld: u32, limited: TicksLimited| {
+            let mut tally = Statistics::new(200.0);
+            (0..100).for_each(|_| tally.step(&in_contact(solved_n), Duration::ZERO));
+            let frame = in_contact(1.0).frames(&state(0, 0.0, 0.0), 40_000, Rendering::Hold);
+            tally.frame(1, &frame.expect("a contact").contact);
+            tally.fate(&sent(1), Fate::Used { age_us: 5_000 });
+            for tick in 0..100 {
+                let inputs = if tick < withheld { inputs::WITHHELD } else { 0 };
+                tally.state(&State {
+                    inputs,
+                    ..state(tick, 0.0, 1.0)
+                });
+            }
+            tally.counted(limited);
+            status(&tally)
+        };
+        let none = TicksLimited::default();
+        let slew = |slew| TicksLimited { slew, ..none };
+        assert_eq!(ended(2.1, 10, slew(10)), "ok");
+        assert_eq!(ended(2.0, 99, slew(99)), "ok");
+        let felt = "1.000 N were felt of 2.100 N that steps found";
+        assert_eq!(
+            ended(2.1, 0, slew(11)),
+            format!("limited: the largest slew of a joint cut the force off in 11 ticks: {felt}")
+        );
+        assert_eq!(
+            ended(2.1, 11, none),
+            format!("limited: force that no motion had paid for was withheld in 11 ticks: {felt}")
+        );
+        let motors = TicksLimited {
+            force: 30,
+            current: 30,
+            ..none
+        };
+        assert_eq!(
+            ended(2.1, 0, motors),
+            format!(
+                "limited: the largest current of a motor cut the force off in 30 ticks: {felt}"
+            )
+        );
+    }
+
+    /// More than a hundredth of an end's frames, and not those few that a session begins with.
+    #[test]
+    fn an_end_that_refuses_many_frames_is_named_with_the_reason() {
+        let counters = |received, rejected| LinkCounters {
+            frames: Counters {
+                frames_sent: 1000,
+                frames_received: received,
+                frames_rejected: rejected,
+                ..Counters::default()
+            },
+            refused_most: Some((Reject::NotFinite, 290)),
+            ..LinkCounters::default()
+        };
+        assert!(refusals(&counters(2970, 30), 10).is_empty());
+        assert!(refusals(&counters(0, 10), 10).is_empty());
+        assert_eq!(
+            refusals(&counters(2700, 300), 11),
+            [
+                "300 of 3000 frames of the console were refused, 290 of them: a number is not finite",
+                "the console refused 11 of the 1000 frames that it was sent"
+            ]
         );
     }
 

@@ -2,6 +2,7 @@
 //!
 //! Entry point: [`Summary`]. Key names carry their units and are a contract with scripts: add, never rename.
 
+use super::limited::Cuts;
 use super::overload::GivenUp;
 use super::statistics::MOST_SPOILT;
 use super::{Chosen, Ending, LimitedTicks};
@@ -178,13 +179,17 @@ pub struct Summary {
     /// Why the newest steps were withheld, and how many in a row; none if the newest one was sent.
     #[serde(skip)]
     pub withheld_last: Option<(&'static str, u64)>,
+    /// Which end of the link refused many of its frames, and why, in words; empty on a good line.
+    #[serde(skip)]
+    pub refusals: Vec<String>,
     /// Times that the console found its contact data too old and let the force decay.
     pub decays: u64,
     /// Ticks in which the console let through so much less force than the contact asks for that a finger notices it: what an
     /// outage has taken away comes back slowly, and what nobody has paid for only once the tool has left the tissue.
     pub ticks_withheld: u64,
     /// Ticks in which a limit of the device took a part of the force away. A session with more than ten by force or power is
-    /// `limited`.
+    /// `limited`; one with more than ten by slew, or in `ticks_withheld`, if the largest force that was felt is less than half of
+    /// the largest that steps found.
     pub ticks_limited: LimitedTicks,
     /// Safe stops that a person asked for, the first hundred.
     pub safe_stops: Vec<SafeStop>,
@@ -310,6 +315,17 @@ impl ViewSummary {
 }
 
 impl Summary {
+    /// Whether limits of the device, or its energy account, took away more of the force than a session that is `ok` may lose.
+    pub fn is_cut(&self) -> bool {
+        let cuts = Cuts {
+            limited: self.ticks_limited,
+            withheld: self.ticks_withheld,
+            felt_n: self.force_n.peak,
+            solved_n: self.force_n.solved_peak,
+        };
+        cuts.are_many()
+    }
+
     /// Why most of the steps were withheld that were; none if those were no more than a session may have of its steps in
     /// contact.
     pub fn mostly_withheld(&self) -> Option<&'static str> {

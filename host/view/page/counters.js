@@ -3,7 +3,7 @@
 import { fixed } from './units.js';
 
 /** Limits of a device, by their key. @type {Record<string, string | undefined>} */
-const LIMITS = { force: 'largest force', power: 'largest power', speed: 'largest speed', slew: 'slew' };
+const LIMITS = { force: 'largest force', current: 'largest current (in force)', power: 'largest power', speed: 'largest speed', slew: 'slew' };
 
 /**
  * Names and values.

@@ -22,6 +22,8 @@ const CUT_FROM: f32 = 1.0 - 1e-4;
 pub struct TicksLimited {
     /// By the largest force of the grip, or by the largest current of a motor.
     pub force: u32,
+    /// Those of them that were cut by the largest current of a motor.
+    pub current: u32,
     /// By the largest power.
     pub power: u32,
     /// By the fade towards the largest speed.
@@ -36,6 +38,7 @@ mod cuts {
     pub const POWER: u8 = 2;
     pub const SPEED: u8 = 4;
     pub const SLEW: u8 = 8;
+    pub const CURRENT: u8 = 16;
 }
 
 /// The limits of one console, and what they remember.
@@ -94,7 +97,8 @@ impl Limits {
 
     /// Counts a tick under power. `saturated`: a motor had no room for all of its force.
     pub fn count(&mut self, saturated: bool) {
-        let cuts = self.cuts | if saturated { cuts::FORCE } else { 0 };
+        let by_current = cuts::FORCE | cuts::CURRENT;
+        let cuts = self.cuts | if saturated { by_current } else { 0 };
         // Most ticks have none.
         if cuts == 0 {
             return;
@@ -103,6 +107,7 @@ impl Limits {
             *ticks = ticks.wrapping_add(u32::from(cuts & cut != 0));
         };
         add(&mut self.ticks.force, cuts::FORCE);
+        add(&mut self.ticks.current, cuts::CURRENT);
         add(&mut self.ticks.power, cuts::POWER);
         add(&mut self.ticks.speed, cuts::SPEED);
         add(&mut self.ticks.slew, cuts::SLEW);
@@ -319,18 +324,19 @@ mod tests {
             limits.count(saturated);
             let TicksLimited {
                 force,
+                current,
                 power,
                 speed,
                 slew,
             } = limits.ticks();
-            [force, power, speed, slew]
+            [force, current, power, speed, slew]
         };
-        assert_eq!(count(0.0, &still, false), [0; 4]);
-        assert_eq!(count(9.9, &still, false), [0; 4]);
-        assert_eq!(count(12.0, &still, false), [1, 0, 0, 0]);
-        assert_eq!(count(9.9, &still, true), [1, 0, 0, 0]);
+        assert_eq!(count(0.0, &still, false), [0; 5]);
+        assert_eq!(count(9.9, &still, false), [0; 5]);
+        assert_eq!(count(12.0, &still, false), [1, 0, 0, 0, 0]);
+        assert_eq!(count(9.9, &still, true), [1, 1, 0, 0, 0]);
         // 6 N along 1 m/s are 6 W; the change to 5 N is within 8 N in a tick.
-        assert_eq!(count(6.0, &fast, false), [0, 1, 0, 0]);
+        assert_eq!(count(6.0, &fast, false), [0, 0, 1, 0, 0]);
         // Rendering shortens what it gives by the same limit: in single precision it is the largest force only about.
         let rounded = shortened(Vec3::new(7.3, -11.9, 3.1), 10.0);
         let mut limits = off(|_| {});

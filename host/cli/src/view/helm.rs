@@ -9,6 +9,7 @@ use super::settings::{Change, Setting};
 use super::show::Show;
 use super::take_out::{IS_CLEAR, MORE_WAYS, NoWay, RESTS_S, STILL_INSIDE, TakeOut, grip};
 use crate::failure::Failure;
+use crate::signals::Stoppable;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -82,6 +83,8 @@ const MOST_LEFT: usize = 3;
 /// A session that is made beside this one.
 struct Making {
     thread: JoinHandle<Result<Prepared, Failure>>,
+    /// Ends it at its next stage.
+    stop: Arc<AtomicBool>,
     reply: Reply,
 }
 
@@ -430,18 +433,35 @@ impl<'a> Helm<'a> {
             let message = format!("{} other sessions are being made already", MOST_LEFT + 1);
             return reply.refuse(&message, "wait until one begins, or begin the program anew");
         }
-        if let Some(Making { thread, reply }) = self.making.take() {
+        if let Some(Making {
+            thread,
+            stop,
+            reply,
+        }) = self.making.take()
+        {
+            stop.store(true, Ordering::Relaxed);
             self.left.push(thread);
             reply.refuse(
                 "another session was asked for before this one was made",
                 "ask for it again, and wait until it begins",
             );
         }
+        let stop = Arc::new(AtomicBool::new(false));
+        let stops = stop.clone();
         let thread = std::thread::Builder::new()
             .name("sutura-prepare".to_owned())
-            .spawn(move || Prepared::of(wish));
+            .spawn(move || {
+                let _ends = Stoppable::by(&stops);
+                Prepared::of(wish)
+            });
         match thread {
-            Ok(thread) => self.making = Some(Making { thread, reply }),
+            Ok(thread) => {
+                self.making = Some(Making {
+                    thread,
+                    stop,
+                    reply,
+                });
+            }
             Err(error) => reply.refuse(
                 &format!("there is no thread to make it: {error}"),
                 "end other programs",

@@ -190,13 +190,16 @@ impl What {
         live: Option<&live::Live>,
         args: &ViewArgs,
         at: Option<sandbox::At>,
-        stop: &std::sync::atomic::AtomicBool,
+        stop: &std::sync::Arc<std::sync::atomic::AtomicBool>,
     ) -> Result<(), Failure> {
         match self {
             What::Scene(scene) => {
                 sandbox::run(page, live, *scene, args.record.as_deref(), at, stop)
             }
-            What::Recording(recording) => recorded::show(page, *recording, at.as_ref(), stop),
+            What::Recording(recording) => {
+                let _hasty = crate::signals::Hasty::begin();
+                recorded::show(page, *recording, at.as_ref(), stop)
+            }
         }
     }
 }

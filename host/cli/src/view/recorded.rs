@@ -10,8 +10,10 @@ use super::telemetry::Telemetry;
 use crate::failure::{Cause, Failure};
 use crate::recording::failure;
 use crate::replay::begins_later;
+use crate::signals::{Stoppable, unfinished};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use sutura_host::picture::{Painter, SolvesOf};
@@ -78,13 +80,14 @@ impl Opened {
 /// Shows a recording until `stop` is set; the page opens it at a time, if there is to be one.
 ///
 /// # Errors
-/// Its tissue cannot be made again.
+/// Its tissue cannot be made again; `stop` was set before it had been run again.
 pub fn show(
     page: &Page,
     opened: Opened,
     at: Option<&At>,
-    stop: &AtomicBool,
+    stop: &Arc<AtomicBool>,
 ) -> Result<(), Failure> {
+    let _ends = Stoppable::by(stop);
     let Opened {
         recording, scene, ..
     } = opened;
@@ -129,14 +132,18 @@ pub fn show(
     shared.amend("time_line", line.said());
     let mut pictures = Pictures::new(shared, &scene, &recording, &painter, of, stop);
     if solvable {
-        let verdict = pictures.make(&mut line)?;
+        let verdict = pictures.make(&mut line);
+        // Whatever came of work that was stopped is none of the recording's.
+        if stop.load(Ordering::Relaxed) {
+            return Err(unfinished(UNFINISHED, HELP));
+        }
+        let verdict = verdict?;
         (line.badge, line.text) = judged(&verdict);
         tell(shared, &line, "ready");
         tell(shared, &line, "verified");
         note!("{}", line.text);
     }
-    // Pictures of a program that is to end were left out.
-    if let Some(at) = at.filter(|_| !stop.load(Ordering::Relaxed)) {
+    if let Some(at) = at {
         // A picture is made of the first solve that is due.
         let period_s = 1.0 / line.hz + 1.0 / about.plan.host_hz;
         let found_s = pictures.before(at.at_s);
@@ -149,12 +156,18 @@ pub fn show(
         if !solvable || pictures.are_as_wanted() {
             std::thread::sleep(LOOK_EVERY);
         } else {
-            pictures.make(&mut line)?;
+            match pictures.make(&mut line) {
+                Err(_) if stop.load(Ordering::Relaxed) => {}
+                made => drop(made?),
+            }
             tell(shared, &line, "ready");
         }
     }
     Ok(())
 }
+
+const UNFINISHED: &str = "the recording had not been run again to its end";
+const HELP: &str = "run it again, and let it come so far; a recording of a shorter session, or of a coarser mesh, takes less time";
 
 /// Why nothing is drawn for a time \[s\]; the picture before it is of `found_s`.
 fn no_picture(at_s: f64, found_s: Option<f64>, text: &str) -> Failure {

@@ -84,7 +84,7 @@ impl<'a> Pictures<'a> {
     }
 
     /// Runs the solver's steps again. The first time all of them, with a picture as often as the line is to have them; later up
-    /// to the last one that is not as wanted.
+    /// to the last one that is not as wanted. Ends early once the program is to end.
     ///
     /// # Errors
     /// Its tissue cannot be made again.
@@ -123,7 +123,6 @@ impl<'a> Pictures<'a> {
                 solver.snapshot(&mut own);
                 own.beat(hanging, &own.positions_m());
             }
-            // A program that is to end makes no more pictures; the steps that are left are fast without.
             if time_s >= due_s && !stops {
                 self.scalar = self.wanted().or(self.scalar);
                 let is_there = self.made.get(next).map(|(_, scalar)| *scalar);
@@ -152,7 +151,7 @@ impl<'a> Pictures<'a> {
                 tell(self.shared, line, "ready");
                 timed(self.shared, self.of, &mut rows);
             }
-            let is_done = !is_first && (stops || self.are_as_wanted_from(next));
+            let is_done = stops || (!is_first && self.are_as_wanted_from(next));
             if is_done {
                 ControlFlow::Break(())
             } else {

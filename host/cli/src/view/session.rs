@@ -185,12 +185,17 @@ impl Viewed {
     ///
     /// # Errors
     /// A recording that cannot be shown.
-    pub fn stay(&self, file: &Path, stop: &AtomicBool) -> Result<(), Failure> {
+    pub fn stay(&self, file: &Path, stop: &Arc<AtomicBool>) -> Result<(), Failure> {
         let Some(url) = self.page.url() else {
             return Ok(());
         };
         note!("the page stays with the session's recording, at {url}; Ctrl-C ends it");
-        recorded::show(&self.page, recorded::Opened::read(file)?, None, stop)
+        let shown = recorded::show(&self.page, recorded::Opened::read(file)?, None, stop);
+        match shown {
+            // The session has its result, and this is how its page is left.
+            Err(failure) if failure.cause == Cause::Interrupted => Ok(()),
+            shown => shown,
+        }
     }
 }
 

@@ -8,13 +8,14 @@ use super::sandbox::At;
 use super::{ViewArgs, What};
 use crate::failure::{Cause, Failure};
 use crate::files::unwritable;
+use crate::signals::{stopped, unfinished};
 use base64::Engine as _;
 use serde_json::{Value, json};
 use std::io::{self, BufRead as _, BufReader, Write as _};
 use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 use sutura_files::write_whole;
 use sutura_view::Shared;
@@ -49,40 +50,52 @@ pub fn take(
     let shared = page.shared().clone();
     let url = page.url().unwrap_or_default();
     let (reached, stopping) = (at.reached.clone(), stop.clone());
+    let failed = |error: &io::Error| failed(browser, shot, error);
+    let profile = tempfile::tempdir().map_err(|error| failed(&error))?;
+    let started = Browser::start(browser, profile.path()).map_err(|error| failed(&error))?;
+    let running = started.child.clone();
     let thread = std::thread::Builder::new().name("sutura-shot".to_owned());
     let taking = thread.spawn(move || {
-        let taken = photograph(browser, &url, &shared, (at_s, &reached, &stopping));
-        stopping.store(true, Ordering::Relaxed);
-        taken
+        let taken = photograph(started, &url, &shared, (at_s, &reached, &stopping));
+        let was_stopped = stopping.swap(true, Ordering::Relaxed);
+        (taken, was_stopped)
     });
-    let taking = taking.map_err(|error| failed(browser, shot, &error))?;
+    let taking = taking.map_err(|error| failed(&error))?;
     let shown = what.show(&mut page, None, args, Some(at), stop);
     stop.store(true, Ordering::Relaxed);
-    let taken = taking.join();
-    // A failure in the browser ends the session, and not the other way round.
-    if let Ok(Err(error)) = &taken
-        && error.kind() != io::ErrorKind::Interrupted
-    {
-        return Err(failed(browser, shot, error));
+    if stopped() || shown.is_err() {
+        // One that does not answer keeps nobody waiting.
+        end(&running);
     }
-    shown?;
+    let taken = taking.join();
+    let (taken, was_stopped) =
+        taken.unwrap_or_else(|_| (Err(io::Error::other("it failed")), false));
     match taken {
-        Ok(Ok((png, drawn_s))) => {
+        // A failure in the browser ends the session, and not the other way round.
+        Err(error) if !was_stopped => Err(failed(&error)),
+        taken => {
+            shown?;
+            let help =
+                "run it again, and let it come so far; `--at S` says when the picture is taken";
+            let (png, drawn_s) = taken.map_err(|_| unfinished("no picture was taken", help))?;
             write_whole(shot, &png).map_err(|error| unwritable(shot, &error))?;
             note!("{}: the picture of {drawn_s:.3} s", shot.display());
             Ok(())
         }
-        Ok(Err(error)) => Err(failed(browser, shot, &error)),
-        Err(_) => Err(failed(browser, shot, &io::Error::other("it failed"))),
     }
+}
+
+/// Ends a browser, and whoever waits for what it says.
+fn end(child: &Mutex<Child>) {
+    let mut child = child.lock().unwrap_or_else(PoisonError::into_inner);
+    // It has ended, or ends now.
+    let _ = child.kill();
+    let _ = child.wait();
 }
 
 fn failed(browser: &str, shot: &Path, error: &io::Error) -> Failure {
     let message = format!("{browser} took no picture for {}: {error}", shot.display());
     let help = match error.kind() {
-        io::ErrorKind::Interrupted => {
-            "run it again, and let it come so far; `--at S` says when the picture is taken"
-        }
         io::ErrorKind::TimedOut => {
             "take it earlier (`--at S`), or on a machine that has less to do"
         }
@@ -113,7 +126,7 @@ fn browser() -> Result<&'static str, Failure> {
 
 /// A browser that is asked over pipes.
 struct Browser {
-    child: Child,
+    child: Arc<Mutex<Child>>,
     to: ChildStdin,
     from: BufReader<ChildStdout>,
     asked: u64,
@@ -121,9 +134,7 @@ struct Browser {
 
 impl Drop for Browser {
     fn drop(&mut self) {
-        // It has ended, or ends now.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+        end(&self.child);
     }
 }
 
@@ -157,7 +168,7 @@ impl Browser {
         let pipes = child.stdin.take().zip(child.stdout.take());
         let (to, from) = pipes.ok_or_else(|| io::Error::other("it has no pipes"))?;
         Ok(Self {
-            child,
+            child: Arc::new(Mutex::new(child)),
             to,
             from: BufReader::new(from),
             asked: 0,
@@ -259,13 +270,12 @@ fn timed_out(message: String) -> io::Error {
 
 /// Waits until the page draws the picture of `at_s`, and takes it: the bytes of its file, and the time that it shows \[s\].
 fn photograph(
-    browser: &str,
+    browser: Browser,
     url: &str,
     shared: &Shared,
     (at_s, reached, stop): (f64, &OnceLock<f64>, &AtomicBool),
 ) -> io::Result<(Vec<u8>, f64)> {
-    let profile = tempfile::tempdir()?;
-    let mut tab = Tab::open(Browser::start(browser, profile.path())?, url)?;
+    let mut tab = Tab::open(browser, url)?;
     let began = Instant::now();
     let (mut seen, mut still, mut stood) = (None, began, began);
     loop {
