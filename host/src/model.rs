@@ -823,6 +823,14 @@ impl Model {
         self.surface.contains(&self.resting_m, (*point).into())
     }
 
+    /// Whether a point is behind the tangent plane of the boundary node that rests nearest to it.
+    pub(crate) fn is_behind_nearest(&self, point: &Vector3<f64>) -> bool {
+        let nodes = self.boundary_m.iter().zip(&self.boundary_normal);
+        let far = |at: &Vector3<f64>| (at - point).norm_squared();
+        let nearest = nodes.min_by(|a, b| far(a.0).total_cmp(&far(b.0)));
+        nearest.is_some_and(|(at, normal)| (point - at).dot(normal) < 0.0)
+    }
+
     /// What works but probably not as meant.
     pub fn warnings(&self) -> Vec<Warning> {
         let mean_edge_m = self.surface.mean_edge_m;

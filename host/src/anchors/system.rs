@@ -5,7 +5,9 @@
 //! [`ConstraintSystem::assemble`], [`ConstraintSystem::solve`], [`ConstraintSystem::accept`].
 
 use super::compliance::{Pairs, Reached, Spread};
-use super::{AnchorPoint, AnchorSettings, MultiPointConstraint, PointConstraint, Term};
+use super::{
+    AnchorPoint, AnchorSettings, ConstraintSet, MultiPointConstraint, PointConstraint, Term,
+};
 use crate::body::{Body, BodyWork, Motion, Place, Push};
 use crate::columns::Columns;
 use crate::fem::{
@@ -70,6 +72,13 @@ impl ConstraintState {
     /// delta of the last solve's rows \[m\].
     pub fn delta_m(&self) -> &[f64] {
         self.forces.delta()
+    }
+
+    /// Whether the last solve was of these rows, in their order.
+    pub fn is_of(&self, set: &ConstraintSet) -> bool {
+        let (rows, spread) = (set.rows.iter(), set.spread.iter());
+        let ids = rows.map(|row| row.id).chain(spread.map(|row| row.id));
+        ids.eq(self.forces.ids())
     }
 
     /// Modes of the last solve's rows.

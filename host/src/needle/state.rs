@@ -8,6 +8,7 @@ use super::surface::Lie;
 use super::{Crossing, Curve, History};
 use crate::anchors::AnchorPoint;
 use crate::rod::{MOST_TOUCHES, Touch};
+use crate::source::tool::Hardest;
 use nalgebra::{Isometry3, Vector3};
 use serde::Serialize;
 
@@ -29,6 +30,9 @@ pub(crate) struct NeedleState {
     /// Whether its body is within some edges of the surface.
     #[serde(skip)]
     pub is_near: bool,
+    /// Largest force on its body on the way in, and its place.
+    #[serde(skip)]
+    pub hardest: Option<Hardest>,
     /// A boundary face that the tip let go of from outside: it may have been dragged on below it.
     pub left: Option<Crossing>,
     /// Poses since the tip first touched the face that it holds.
@@ -173,6 +177,7 @@ impl NeedleState {
             tip: Tip::Outside,
             touches: Vec::with_capacity(if part.body { MOST_TOUCHES } else { 0 }),
             is_near: true,
+            hardest: None,
             left: None,
             log: Vec::with_capacity(LOG),
             log_skipped: 0,
@@ -196,6 +201,7 @@ impl NeedleState {
             tip,
             touches,
             is_near,
+            hardest,
             left,
             log,
             log_skipped,
@@ -214,6 +220,7 @@ impl NeedleState {
         *tip = other.tip;
         touches.clone_from(&other.touches);
         *is_near = other.is_near;
+        *hardest = other.hardest;
         *left = other.left;
         log.clone_from(&other.log);
         *log_skipped = other.log_skipped;
@@ -240,6 +247,7 @@ impl NeedleState {
         self.left = None;
         self.log.clear();
         self.touches.clear();
+        self.hardest = None;
         true
     }
 

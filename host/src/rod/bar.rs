@@ -5,6 +5,7 @@
 use super::shape::PIECE_RADII;
 use super::touch::{MOST_TOUCHES, Touch};
 use crate::needle::Curve;
+use crate::source::tool::Hardest;
 use crate::tool::{MOST_FRICTION, Shape, Tool};
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::Serialize;
@@ -106,6 +107,12 @@ pub(crate) struct BarState {
     /// Whether it is within some edges of the surface.
     pub is_near: bool,
     pub next_id: u32,
+    /// Whether it has come into the tissue, and has not been outside since.
+    #[serde(skip)]
+    pub is_sunk: bool,
+    /// Largest force on its way in, and its place.
+    #[serde(skip)]
+    pub hardest: Option<Hardest>,
 }
 
 impl BarState {
@@ -118,6 +125,8 @@ impl BarState {
             touches: Vec::with_capacity(MOST_TOUCHES),
             is_near: true,
             next_id: 0,
+            is_sunk: false,
+            hardest: None,
         }
     }
 
@@ -130,17 +139,28 @@ impl BarState {
             touches,
             is_near,
             next_id,
+            is_sunk,
+            hardest,
         } = self;
         *tool = other.tool;
         (*pose, *has_been_outside) = (other.pose, other.has_been_outside);
         (*is_near, *next_id) = (other.is_near, other.next_id);
+        (*is_sunk, *hardest) = (other.is_sunk, other.hardest);
         touches.clone_from(&other.touches);
     }
 
     /// Puts it elsewhere, whatever lies in between.
     pub fn put(&mut self, pose: Isometry3<f64>) {
+        self.forget();
         self.pose = Some(pose);
+        self.is_sunk = false;
+    }
+
+    /// Forgets its contact: it has come into the tissue, and touches nothing until all of it is outside.
+    pub fn forget(&mut self) {
         self.has_been_outside = false;
+        self.is_sunk = true;
+        self.hardest = None;
         self.touches.clear();
     }
 }

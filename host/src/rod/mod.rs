@@ -2,10 +2,11 @@
 //! [`Bar`].
 //!
 //! Entry points: `Rod` for what one is, `Swept` for one where it is; `touch.rs` says where it touches, and `feature.rs` what;
-//! [`BodyContact`] for two of them that press on each other, by `press.rs`.
+//! [`BodyContact`] for two of them that press on each other, by `press.rs`. `inside.rs` says whether one has come into the tissue.
 
 mod bar;
 mod feature;
+mod inside;
 mod pair;
 mod press;
 mod shape;

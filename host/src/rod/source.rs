@@ -84,7 +84,10 @@ impl Source for BarSource {
     fn prepare(&self, balance: &mut Balance) {
         for bar in 0..balance.sources.bars.len() {
             if !balance.state.bars[bar].has_been_outside {
-                balance.state.bars[bar].has_been_outside = balance.is_outside(bar);
+                let is_outside = balance.is_outside(bar);
+                let state = &mut balance.state.bars[bar];
+                state.has_been_outside = is_outside;
+                state.is_sunk &= !is_outside;
             }
         }
     }

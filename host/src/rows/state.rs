@@ -45,6 +45,11 @@ impl State {
         }
     }
 
+    /// Names of the last problem's rows, in its order.
+    pub(crate) fn ids(&self) -> impl Iterator<Item = u64> + '_ {
+        self.ids.iter().copied()
+    }
+
     /// Multipliers \[N\] of the last problem's rows, in its order.
     pub fn lambda(&self) -> &[f64] {
         &self.lambda

@@ -17,7 +17,7 @@ use crate::clock::Clock;
 use crate::fem::Moved;
 use crate::jaws::between;
 use crate::model::Model;
-use crate::source::tool::Placements;
+use crate::source::tool::{Placements, Slipped};
 use crate::tool::{MAX_TOOLS, ToolSample};
 use nalgebra::Vector3;
 
@@ -167,10 +167,16 @@ impl Step<'_> {
         self.state.begin_way(sources, &targets, &mut moment);
         self.work.balance.needles.fall_s = moment.fall_s();
         self.work.keep(self.state);
-        let status = self.take_passes(&targets);
+        let mut status = self.take_passes(&targets);
+        // Nothing is said of rows that the forces do not belong to.
+        if status.has_balance() && !self.state.grasp.is_of(&self.work.balance.set) {
+            status = Status::NotConverged;
+        }
         self.end_way(status, &moment);
-        if let (Status::Inside, Some(tool)) = (status, self.work.balance.tools.slipped) {
-            self.state.tools.forget(tool);
+        match self.work.balance.tools.slipped {
+            Some(Slipped::Tool(tool)) if status == Status::Inside => self.state.tools.forget(tool),
+            Some(Slipped::Body(body)) if status == Status::Inside => self.state.forget_body(body),
+            _ => {}
         }
         self.count_rows();
         match status {

@@ -45,7 +45,9 @@ pub(super) fn follow(model: &Model, balance: &mut Balance, targets: &Targets) ->
         let whole = share.min(balance.share_to_boundary(&ends.needles, free_m));
         let share = whole * 0.5f64.powi(halvings);
         balance.report.substeps += 1;
-        match balance.to(&ends.part_way(balance.state, share)) {
+        let found = balance.to(&ends.part_way(balance.state, share));
+        let is_found = found.is_ok();
+        match found {
             Ok(()) if balance.slipped_in(model, share >= 1.0).is_some() => return Status::Inside,
             Ok(()) if share >= 1.0 => return Status::Ok,
             Ok(()) => {
@@ -73,6 +75,10 @@ pub(super) fn follow(model: &Model, balance: &mut Balance, targets: &Targets) ->
             if lead_out(balance) {
                 balance.state.tools.let_go();
                 return jump(model, balance, &ends, 1.0);
+            }
+            if !is_found {
+                // The rows are those of the solve that failed: those of the last balance are found again, where it was.
+                return jump(model, balance, &ends, 0.0);
             }
             return ended(model, balance, Status::Behind);
         }

@@ -252,6 +252,10 @@ fn bar_share(
     let (Some(from), Some(to)) = (each.pose, to) else {
         return 1.0;
     };
+    if each.is_sunk && !nears {
+        // It touches nothing on its way.
+        return 1.0;
+    }
     let piece_m = match nears {
         true => bar.piece_m(sources.edge_m()),
         // It is looked for farther than this.

@@ -14,6 +14,8 @@ mod punch;
 mod renewal;
 mod rows;
 mod small;
+mod sunk;
+mod swept;
 mod tools;
 mod walls;
 mod worker;

@@ -10,6 +10,7 @@
 use super::{Contact, Placements, ToolContacts, TouchingTools};
 use crate::model::Model;
 use crate::step::Balance;
+use crate::thread::Obstacle;
 use crate::tool::{Placement, Shape};
 use nalgebra::{Matrix3, Vector3};
 
@@ -62,9 +63,17 @@ impl Pressing {
     }
 }
 
+/// A tool or a body that has slipped into the tissue.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Slipped {
+    /// By its place among the tools that touch.
+    Tool(u32),
+    Body(Obstacle),
+}
+
 /// Largest force on a tool on its way in, and its place.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Hardest {
+pub(crate) struct Hardest {
     at: Placement,
     /// Normal force on the tool \[N\], (3), and its direction, unit vector, (3).
     force: Vector3<f64>,
@@ -75,7 +84,7 @@ pub(super) struct Hardest {
 }
 
 impl Hardest {
-    fn new(at: &Placement, force: &Vector3<f64>) -> Option<Self> {
+    pub fn new(at: &Placement, force: &Vector3<f64>) -> Option<Self> {
         Some(Self {
             at: *at,
             force: *force,
@@ -87,7 +96,7 @@ impl Hardest {
 
     /// Goes on to the next balance. What the force loses while the tool rests is not lost on its way: tissue that is not linear
     /// comes to balance, or another tool goes.
-    fn go_on(&mut self, now: &Self) {
+    pub fn go_on(&mut self, now: &Self) {
         if now.at == self.last {
             let lost_n = (self.last_force - now.force).dot(&self.out);
             self.force -= self.out * lost_n.max(0.0);
@@ -103,6 +112,26 @@ impl Hardest {
     fn against(&self) -> [f64; 2] {
         let against = -self.way().try_normalize(0.0).unwrap_or(-self.out);
         [self.force, self.last_force].map(|force| force.dot(&against))
+    }
+
+    /// Angle from there to a place \[rad\].
+    pub fn angle_to(&self, at: &Placement) -> f64 {
+        self.at.angle_to(at)
+    }
+
+    /// Whether the force pushes a tool onward that has gone straight on in.
+    pub fn is_pushed_on(&self, turn_m: f64) -> bool {
+        let [_, last_n] = self.against();
+        last_n < 0.0 && self.has_fallen(turn_m)
+    }
+
+    /// Whichever of this and the force `now` is the largest on the way in of a tool of this radius.
+    pub fn or(self, now: Self, turn_m: f64, radius_m: f64) -> Self {
+        if self.is_left(turn_m, ASIDE * radius_m) {
+            now
+        } else {
+            self
+        }
     }
 
     /// Whether the force has fallen since, and the tool gone straight on in.
@@ -171,9 +200,7 @@ impl ToolContacts {
         if hardest.has_fallen(turn_m) {
             return true;
         }
-        if hardest.is_left(turn_m, ASIDE * solid.radius()) {
-            *hardest = now;
-        }
+        *hardest = hardest.or(now, turn_m, solid.radius());
         false
     }
 
@@ -230,14 +257,16 @@ impl Balance<'_> {
     /// Finds a tool around which the surface has slipped in the balance that was just found: it closes over the tool, or pushes
     /// less the deeper that goes. A tool that touches nothing is looked for in the tissue where its way `ends`, and where it
     /// touched just before. A tool that touches prescribed vertices alone is looked for in the tissue, too: from inside they
-    /// would press it on inwards.
-    pub(crate) fn slipped_in(&mut self, model: &Model, ends: bool) -> Option<u32> {
+    /// would press it on inwards. Bodies of grips and needles are as [`Self::sunk_in`] says.
+    pub(crate) fn slipped_in(&mut self, model: &Model, ends: bool) -> Option<Slipped> {
         let count = self.sources.tools.each().len() as u32;
         let found = (0..count).find(|tool| match self.state.tools.count(*tool) {
             0 => self.is_swallowed(model, *tool, ends),
             _ if self.is_wrapped(*tool) => true,
             _ => self.state.tools.touches_walls_alone(*tool) && self.is_enclosed(model, *tool),
         });
+        let found = found.map(Slipped::Tool);
+        let found = found.or_else(|| self.sunk_in(model, ends).map(Slipped::Body));
         self.work.tools.slipped = found;
         found
     }

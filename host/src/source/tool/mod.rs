@@ -17,7 +17,7 @@ mod tangent;
 mod turning;
 
 pub(crate) use cones::{ALIKE_M, Cones, in_units};
-use inside::Hardest;
+pub(crate) use inside::{Hardest, Slipped};
 pub(crate) use load::Load;
 pub(crate) use reach::NEAR;
 use rows::Settled;

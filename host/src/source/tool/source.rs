@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`ToolSource`].
 
-use super::{Settled, TouchingTools, Turning, Turns};
+use super::{Settled, Slipped, TouchingTools, Turning, Turns};
 use crate::marks::Marks;
 use crate::needle::MOST_GROUPS;
 use crate::source::{Room, Source};
@@ -25,8 +25,8 @@ pub(crate) struct ToolWork {
     /// Nodes whose columns will be needed, the nearest first, and as near these are.
     pub next_nodes: Vec<u32>,
     pub next_gaps: Vec<(f64, u32)>,
-    /// The tool that has slipped into the tissue, after [`Balance::slipped_in`].
-    pub slipped: Option<u32>,
+    /// What has slipped into the tissue, after [`Balance::slipped_in`].
+    pub slipped: Option<Slipped>,
     turning: Option<Turning>,
     /// Whether normals turn in the next solve.
     turns: bool,
