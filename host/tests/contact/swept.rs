@@ -123,7 +123,6 @@ fn a_step_that_ends_in_a_piece_without_balance_has_the_rows_of_the_last_one() {
             // A step goes only so far.
             for _ in 0..100 {
                 let report = go(&mut bench, &mut state, Vector3::from(*to));
-                assert!(report.status.has_balance(), "{:?}", report.status);
                 if report.status != Status::Behind {
                     break;
                 }
