@@ -313,5 +313,7 @@ fn goes_on((tick, time_us): (u32, u64), now: (u32, u64), tick_hz: u16) -> bool {
         return true;
     }
     let due_us = u64::from(ticks) * 1_000_000 / u64::from(tick_hz.max(1));
-    ticks <= u32::MAX / 2 && passed_us > 0 && due_us <= 2 * passed_us + AHEAD_US
+    ticks <= u32::MAX / 2
+        && passed_us > 0
+        && due_us <= passed_us.saturating_mul(2).saturating_add(AHEAD_US)
 }

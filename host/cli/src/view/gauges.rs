@@ -46,7 +46,7 @@ pub fn schema() -> Value {
     add(&["frames"], &of(&["lost", "rejected", "superseded"]));
     add(
         &["ticks_limited"],
-        &of(&["force", "power", "speed", "slew"]),
+        &of(&["force", "current", "power", "speed", "slew"]),
     );
     add(&["bytes_per_s"], &of(&["down", "up"]));
     add(&["pictures"], &of(&["wanted", "made", "sent"]));
