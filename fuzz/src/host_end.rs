@@ -11,7 +11,8 @@ use sutura_shared::link::{ConsoleLink, HostEvent, HostLink, Identity};
 use sutura_shared::wire::message::Report;
 use sutura_shared::wire::{MAX_FRAME, Message, PROTOCOL_VERSION, Reject};
 
-const SESSION_FRAMES: u64 = 1000;
+/// Few: after a state with a late clock a session takes no other.
+const SESSION_FRAMES: u64 = 16;
 
 /// A host with a session, and its number.
 fn opened(nonce: u32) -> Option<(HostLink, u32)> {
@@ -58,7 +59,7 @@ pub fn host(bytes: &[u8]) {
     }
 }
 
-/// Mutated frames for hosts, each with a session of a thousand frames.
+/// Mutated frames for hosts, in sessions of a few frames.
 ///
 /// # Panics
 /// On a defect.
@@ -140,8 +141,10 @@ fn hear(host: &mut HostLink, bytes: &[u8], tally: &mut Tally) {
         }
         let decoded = matches!(
             reason,
-            Reject::NotFinite | Reject::Range | Reject::Name | Reject::Nonce
+            Reject::NotFinite | Reject::Range | Reject::Name | Reject::Nonce | Reject::Clock
         );
         tally.decoded += if decoded { rejected } else { 0 };
+        let validated = reason == Reject::Clock;
+        tally.validated += if validated { rejected } else { 0 };
     }
 }

@@ -169,7 +169,7 @@ fn reasons_for_refusal_are_pinned() {
         assert!(!reject.to_string().is_empty());
     }
     assert_eq!(Reject::from_number(0), None);
-    assert_eq!(Reject::from_number(23), None);
+    assert_eq!(Reject::from_number(24), None);
 }
 
 #[test]

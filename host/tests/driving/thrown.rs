@@ -93,7 +93,8 @@ radius_m = 0.014
             let report = solver.step(sample);
             match report.status {
                 Status::Ok => break,
-                Status::Waiting | Status::Behind => was_behind = true,
+                Status::Waiting => {}
+                Status::Behind => was_behind = true,
                 other => panic!("{law} in {steps} steps: {other:?}"),
             }
         }
