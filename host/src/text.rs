@@ -141,10 +141,7 @@ mod tests {
         );
         assert_eq!(
             escaped_json(turned),
-            shown
-                .replace('{', "")
-                .replace('}', "")
-                .replace("u61c", "u061c")
+            shown.replace(['{', '}'], "").replace("u61c", "u061c")
         );
         let words = "\u{5e9}\u{5dc} \u{e9}\u{200d}\u{1f44d}";
         assert_eq!(escaped(words), words, "words of other scripts stay");
