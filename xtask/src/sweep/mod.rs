@@ -182,7 +182,9 @@ fn scenes(arguments: &Arguments) -> Result<Vec<Scene>> {
             .scene
             .as_ref()
             .is_none_or(|part| name.contains(part));
-        if path.extension().is_some_and(|end| end == "toml") && is_asked {
+        // Its check follows the session, for half a minute in a build for tests.
+        let is_long = name == "needle-held-slab.toml" && !arguments.full;
+        if path.extension().is_some_and(|end| end == "toml") && is_asked && !is_long {
             paths.push(path);
         }
     }
