@@ -49,7 +49,7 @@ fn a_console_bears_a_million_frames() {
         Reject::Nonce,
         Reject::TickRate,
         Reject::FrameSize,
-        // Of states, which hosts refuse.
+        // Hosts alone refuse states.
         Reject::Clock,
     ];
     for reject in Reject::ALL

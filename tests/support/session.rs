@@ -27,7 +27,7 @@ pub fn patient() -> LinkOptions {
 /// Whether a session in real time ended in one of the ways that it may: where the machine let the host wait for half a
 /// second, the console has gone to rest; and where it was late all the time, too little of its contact was felt.
 pub fn ended_well(summary: &Summary) -> bool {
-    // What an outage took away comes back slowly.
+    // Force that an outage took away comes back slowly.
     let late = [
         "not-rendered: ",
         "behind: ",

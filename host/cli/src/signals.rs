@@ -30,7 +30,7 @@ pub fn interrupted(lines: usize) -> Failure {
     Failure::say(Cause::Interrupted, message, help).after_summary()
 }
 
-/// What a command says whose work had not come so far that it has a result.
+/// Returns the failure of a command that was interrupted before it had a result.
 pub fn unfinished(what: &str, help: &str) -> Failure {
     Failure::say(Cause::Interrupted, format!("interrupted: {what}"), help)
 }

@@ -12,7 +12,7 @@ use std::path::Path;
 /// A link stays a link to what is replaced. A device that [may be written](may_write) is written itself.
 ///
 /// # Errors
-/// As of [`may_write`], and the system's: no such directory, no permission, a full disk. The old file stays.
+/// The same as [`may_write`]'s, and the system's: no such directory, no permission, a full disk. The old file stays.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
     may_write(path)?;
     let target = path.canonicalize();

@@ -76,7 +76,7 @@ impl Balance<'_> {
         let mut places = places.filter(|alpha| is_free(*alpha));
         places.any(|alpha| {
             let at = rod.curve.at(alpha);
-            // As of tools: the cheap suspicion, the surface at rest, and the proof.
+            // The same order as for tools: the cheap suspicion, the surface at rest, and the proof.
             model.is_behind_nearest(&at)
                 && model.contains(&at)
                 && model.surface().encloses(|node| self.position(node), &at)
@@ -98,7 +98,7 @@ impl SourcesState {
     }
 }
 
-/// Where a rod was pushed hardest on its way in, after it has come to be pushed by `force` \[N\], and whether that pushes it onward.
+/// Updates the largest force on a rod on its way in by `force` \[N\]; also returns whether that pushes it onward.
 fn pressed(
     before: Option<Hardest>,
     rod: &Rod,

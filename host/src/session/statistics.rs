@@ -542,7 +542,7 @@ impl Statistics {
         })
     }
 
-    /// What took a part of the force away.
+    /// Names the limits that took a part of the force away.
     fn cuts(&self) -> Cuts {
         Cuts {
             limited: self.limited(),
@@ -562,7 +562,7 @@ impl Statistics {
         self.cuts().words([max_force_n, max_power_w])
     }
 
-    /// How much was felt of a force that was cut off, if it was.
+    /// Compares the felt force with the solved one, if it was cut off.
     fn cut_off(&self) -> Option<String> {
         let words = self.cut_words()?;
         Some(format!(

@@ -24,14 +24,14 @@ fn bench(shape: Shape, friction: f64) -> Bench {
     }
 }
 
-/// Where the tool goes in one step, and what that found.
+/// Takes the tool along one step; returns its report.
 fn go(bench: &mut Bench, state: &mut State, to: Vector3<f64>) -> StepReport {
     let report = bench.step(state, pose(to, UnitQuaternion::identity()));
     assert!(all_finite(&report), "at {to}");
     match report.status {
         Status::Ok | Status::Behind => {
             let felt = &report.contacts()[0];
-            // What the forces belong to is what is touched: none is felt of nothing.
+            // Forces belong to touched vertices: without any there is none.
             assert!(felt.rows > 0 || force(felt) == Vector3::zeros(), "at {to}");
         }
         Status::Inside | Status::NotConverged | Status::TooManyRows => {

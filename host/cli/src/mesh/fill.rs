@@ -428,7 +428,7 @@ fn ended(command: &mut Command, log: &Path) -> io::Result<ExitStatus> {
 
 /// Ends a program with its group, and waits for it.
 fn end(child: &mut Child) {
-    // What has ended by itself cannot be killed.
+    // A program that has ended by itself cannot be killed.
     #[cfg(unix)]
     if let Some(group) = rustix::process::Pid::from_raw(child.id().cast_signed()) {
         let _ = rustix::process::kill_process_group(group, rustix::process::Signal::KILL);

@@ -25,7 +25,7 @@ pub(crate) struct ToolWork {
     /// Nodes whose columns will be needed, the nearest first, and as near these are.
     pub next_nodes: Vec<u32>,
     pub next_gaps: Vec<(f64, u32)>,
-    /// What has slipped into the tissue, after [`Balance::slipped_in`].
+    /// Tool or body that has slipped into the tissue, after [`Balance::slipped_in`].
     pub slipped: Option<Slipped>,
     turning: Option<Turning>,
     /// Whether normals turn in the next solve.
