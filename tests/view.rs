@@ -550,8 +550,7 @@ fn long_recording(folder: &std::path::Path) -> String {
 fn a_recording_that_is_run_again_is_left_at_once() {
     let folder = tempdir().unwrap();
     let file = long_recording(folder.path());
-    let began = Instant::now();
-    loop {
+    for _ in 0..20 {
         let running = Running::start(&["view", &file, "--view-port", "0"]);
         let (code, _) = running.stop();
         // A machine that is late has it run again by then.
@@ -559,8 +558,8 @@ fn a_recording_that_is_run_again_is_left_at_once() {
             assert_eq!(code, 130);
             return;
         }
-        assert!(began.elapsed() < LONG, "it was never left");
     }
+    panic!("it was never left");
 }
 
 /// Ctrl-C before a picture is taken, also by a browser that does not answer.
