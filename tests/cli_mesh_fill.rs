@@ -11,6 +11,7 @@ use std::io::{BufRead as _, Read as _};
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::{Command, Stdio};
+use std::time::Duration;
 use sutura_testkit::full;
 
 type Triangle = [[f64; 3]; 3];
@@ -321,6 +322,17 @@ fn failures_of_gmsh_are_told_with_its_words() {
     assert!(ran.stderr.contains("pip install gmsh"), "{}", ran.stderr);
 }
 
+/// What is there at last; fails after a minute without it.
+fn sooner_or_later<T>(what: &str, mut found: impl FnMut() -> Option<T>) -> T {
+    for _ in 0..6000 {
+        if let Some(found) = found() {
+            return found;
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    panic!("not within a minute: {what}");
+}
+
 /// A gmsh that takes long is told of, and Ctrl-C ends it and what it has started, with nothing left.
 #[test]
 fn a_gmsh_that_does_not_end_is_told_of_and_stopped() {
@@ -345,7 +357,11 @@ fn a_gmsh_that_does_not_end_is_told_of_and_stopped() {
         line.starts_with("gmsh fills the surface: run 1 of at most 8, edges of "),
         "{line}"
     );
-    let id = std::fs::read_to_string(at.join("bin/id")).expect("it ran");
+    // The line comes before the program starts, and its number is written after that.
+    let id = sooner_or_later("gmsh ran", || {
+        let id = std::fs::read_to_string(at.join("bin/id")).ok()?;
+        id.ends_with('\n').then(|| id.trim().to_owned())
+    });
     let told = Command::new("kill")
         .args(["-INT", &child.id().to_string()])
         .status();
@@ -360,8 +376,10 @@ fn a_gmsh_that_does_not_end_is_told_of_and_stopped() {
     let object: Value = serde_json::from_slice(&output.stdout).expect("JSON");
     assert_eq!(object["status"], "interrupted");
     // Once it is gone nobody has its number, or a process that waits to be collected.
-    let state = std::fs::read_to_string(format!("/proc/{}/stat", id.trim())).unwrap_or_default();
-    assert!(state.is_empty() || state.contains(") Z "), "{state}");
+    sooner_or_later("what gmsh started is gone", || {
+        let state = std::fs::read_to_string(format!("/proc/{id}/stat")).unwrap_or_default();
+        (state.is_empty() || state.contains(") Z ")).then_some(())
+    });
     let left: Vec<_> = std::fs::read_dir(at.join("bin"))
         .expect("there")
         .flatten()
