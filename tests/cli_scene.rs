@@ -164,6 +164,41 @@ fn too_fine_a_mesh_for_its_tool_is_refused_before_the_session() {
     assert_eq!(ran.code, 0, "{}", ran.stderr);
 }
 
+/// A grip's bar that lies down on a mesh with more places under it than a body has room for, and a thinner one that has room.
+#[test]
+fn too_fine_a_mesh_for_a_body_is_refused_before_the_session() {
+    let folder = tempfile::tempdir().expect("a directory");
+    let lying = |radius_m: f64| {
+        format!(
+            "device = \"cartesian-bench\"\nseconds = 0.6\n[mesh.slab]\nsize_m = [0.03, 0.03, 0.006]\ndivisions = [14, 14, 2]\n\
+             [tissue]\nyoungs_modulus_pa = 3e3\npoisson_ratio = 0.45\n[[fixed]]\nplane = {{ axis = \"z\", at_m = -0.006 }}\n\
+             [[tool]]\nshape = \"grip\"\nbody = {{ radius_m = {radius_m}, length_m = 0.026, axis = [1.0, 0.0, 0.0], offset_m = [0.013, 0.0, 0.0] }}\n\
+             [hand]\nstiffness_n_per_m = 2000.0\ndamping_n_s_per_m = 10.0\n\
+             way_point = [{{ time_s = 0.0, position_m = [0.0, 0.0, 0.010] }}, {{ time_s = 0.2, position_m = [0.0, 0.0, 0.0055] }}]\n\
+             [host]\nhost_hz = 100.0\n"
+        )
+    };
+    let ran = |radius_m: f64, words: &[&str]| {
+        std::fs::write(folder.path().join("lying.toml"), lying(radius_m)).expect("writable");
+        sutura_in(folder.path(), words)
+    };
+    let run = ran(0.008, &["run", "lying.toml", "--lockstep"]);
+    assert_eq!(run.code, 8, "{}{}", run.stdout, run.stderr);
+    assert!(run.stdout.contains("too-many-rows"), "{}", run.stdout);
+    for words in ["check", "explain"] {
+        let ran = ran(0.008, &["scene", words, "lying.toml", "--format", "json"]);
+        assert_eq!(ran.code, 2, "{words}: {}{}", ran.stdout, ran.stderr);
+        let object = json(&ran);
+        let message = object["message"].as_str().expect("a message");
+        assert!(
+            message.contains("a body touches more vertices") && message.contains("than the 64"),
+            "{message}"
+        );
+    }
+    let ran = ran(0.002, &["scene", "check", "lying.toml"]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+}
+
 #[test]
 fn the_text_says_the_same_for_people() {
     let ran = sutura(&["scene", "explain", "scenes/palpation.toml"]);

@@ -53,7 +53,7 @@ pub use machine_lateness::{LatenessProbe, MachineLate, MachineLateness};
 pub use needle_frame::{HeldNeedle, needle_frame};
 pub use overload::{Effort, GivenUp, Spared};
 pub use real_time::{Arms, Attendant, Line, run_real_time};
-pub use room::{Overfull, overfull};
+pub use room::{Crowd, Overfull, overfull};
 pub use rows_frame::rows_frame;
 pub use scheduling::Scheduling;
 pub use setup::{Plan, PlanError, SessionError, Tuning, check_rate, least_hz};

@@ -1,4 +1,4 @@
-//! Whether a scene's session comes to touch more vertices than a step has room for.
+//! Whether a scene's session comes to touch more of the surface than a step has room for.
 //!
 //! Entry point: [`overfull`]. Vertices near the tools along their scripts are counted on tissue at rest; only a scene in which these
 //! are many is followed, as a session in lockstep.
@@ -8,7 +8,8 @@ use crate::contact::shape::Solid;
 use crate::fem::TissueError;
 use crate::link::LockstepConsole;
 use crate::mesh::Surface;
-use crate::scene::Scene;
+use crate::rod::MOST_TOUCHES;
+use crate::scene::{Needle, Scene};
 use crate::script::Script;
 use crate::source::tool::{MOST_CONTACTS, NEAR};
 use crate::step::Status;
@@ -30,31 +31,42 @@ const MOST_LOOKS: f64 = 2000.0;
 /// A hand strays from its path, and tissue moves along, by so much \[m\].
 const MARGIN_M: f64 = 0.003;
 
+/// Places that a body touches for each vertex near it, at most: edges and faces are places, too.
+const PLACES_A_VERTEX: usize = 3;
 /// A hand's grip comes to rest within so much \[s\].
 const AFTER_S: f64 = 0.5;
 
-/// A step of a session that touches more vertices than it has room for.
+/// A step of a session that touches more than it has room for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Overfull {
     /// Since the session began \[s\].
     pub time_s: f64,
-    /// Vertices inside the tools there, on tissue at rest.
-    pub vertices: usize,
-    /// Most vertices that a step can have in contact, with all tools together.
-    pub room: usize,
+    /// What is too many.
+    pub crowd: Crowd,
+}
+
+/// Contacts that are too many for a step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Crowd {
+    /// Vertices inside the tools, on tissue at rest.
+    Vertices(usize),
+    /// Places of the surface that the body of a grip or a needle touches.
+    Places,
 }
 
 impl fmt::Display for Overfull {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            time_s,
-            vertices,
-            room,
-        } = self;
-        write!(
-            f,
-            "at {time_s:.2} s the tools are on {vertices} vertices of the mesh, and a step has room for {room} in contact"
-        )
+        let time_s = self.time_s;
+        match self.crowd {
+            Crowd::Vertices(vertices) => write!(
+                f,
+                "at {time_s:.2} s the tools are on {vertices} vertices of the mesh, and a step has room for {MOST_CONTACTS} in contact"
+            ),
+            Crowd::Places => write!(
+                f,
+                "at {time_s:.2} s a body touches more vertices, edges and faces of the mesh than the {MOST_TOUCHES} for which it has room"
+            ),
+        }
     }
 }
 
@@ -78,7 +90,7 @@ pub fn overfull(
         seconds: plan.seconds.min(end_s(scene)),
         ..*plan
     };
-    if !scene.has_rows() || most_near(scene, &surface, plan.seconds) <= MOST_CONTACTS {
+    if !scene.has_rows() || !may_crowd(scene, &surface, plan.seconds) {
         return Ok(None);
     }
     let is_full = Arc::new(AtomicBool::new(false));
@@ -107,10 +119,15 @@ pub fn overfull(
     if watched.full.is_none() && work::is_stopped() {
         return Err(TissueError::Stopped.into());
     }
-    Ok(watched.full.map(|(time_us, samples)| Overfull {
-        time_s: 1e-6 * time_us as f64,
-        vertices: near(scene, &surface, &samples, |_| 0.0).max(MOST_CONTACTS + 1),
-        room: MOST_CONTACTS,
+    Ok(watched.full.map(|(time_us, samples)| {
+        let vertices = near(scene, &surface, &samples, Part::Shape, |_| 0.0);
+        Overfull {
+            time_s: 1e-6 * time_us as f64,
+            crowd: match vertices <= MOST_CONTACTS && has_bodies(scene) {
+                true => Crowd::Places,
+                false => Crowd::Vertices(vertices.max(MOST_CONTACTS + 1)),
+            },
+        }
     }))
 }
 
@@ -124,33 +141,73 @@ fn end_s(scene: &Scene) -> f64 {
     times.fold(0.0, f64::max) + AFTER_S
 }
 
-/// Most vertices that are near the tools at once, if they keep to their scripts.
-fn most_near(scene: &Scene, surface: &Surface, seconds: f64) -> usize {
+/// Whether a grip or a needle has a body.
+fn has_bodies(scene: &Scene) -> bool {
+    scene.bars().next().is_some() || scene.needles.iter().any(|part| part.body)
+}
+
+/// Most places that a needle's body can touch, wherever it lies \[-\]: as many vertices as its length has edges, and as its breadth.
+fn most_places(scene: &Scene, surface: &Surface, part: &Needle) -> usize {
+    let at = |node: u32| Vector3::from(scene.mesh.points_m()[node as usize]);
+    let sides = surface.triangles.iter().flat_map(|&[a, b, c]| {
+        let [a, b, c] = [a, b, c].map(at);
+        [(a - b).norm(), (b - c).norm(), (c - a).norm()]
+    });
+    let shortest_m = sides.fold(f64::INFINITY, f64::min);
+    let vertices = |way_m: f64| 1.0 + way_m / shortest_m;
+    let along = vertices(part.needle.shape.length_m());
+    (PLACES_A_VERTEX as f64 * along * vertices(part.needle.thickness_m)) as usize
+}
+
+/// Whether tools come near so many vertices, if they keep to their scripts, that a step may lack room. A needle's body goes where the
+/// tissue lets it.
+fn may_crowd(scene: &Scene, surface: &Surface, seconds: f64) -> bool {
     let mut script = Script::new(scene);
     let every_s = EVERY_S.max(seconds / MOST_LOOKS);
     let looks = (seconds / every_s).ceil() as u32;
-    let counts = (0..=looks).map(|look| {
+    let limits = [
+        (Part::Shape, MOST_CONTACTS),
+        (Part::Body, MOST_TOUCHES / PLACES_A_VERTEX),
+    ];
+    let mut crowds = |look: u32| {
         let time_s = f64::from(look) * every_s;
         let in_hand = script.in_hand(time_s);
         let samples = script.step_to(time_s, in_hand, None);
-        near(scene, surface, samples, |radius_m| {
-            NEAR * radius_m + MARGIN_M
+        limits.iter().any(|(part, most)| {
+            near(scene, surface, samples, *part, |radius_m| {
+                NEAR * radius_m + MARGIN_M
+            }) > *most
         })
-    });
-    counts.max().unwrap_or(0)
+    };
+    let mut needles = scene.needles.iter().filter(|part| part.body);
+    needles.any(|part| most_places(scene, surface, part) > MOST_TOUCHES)
+        || (0..=looks).any(&mut crowds)
 }
 
-/// Vertices of tissue at rest that are no farther from the tools than `reach_m` says for a radius \[m\].
+/// What of a tool meets the tissue.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Part {
+    /// Of one that is no grip.
+    Shape,
+    /// Of a grip.
+    Body,
+}
+
+/// Vertices of tissue at rest that are no farther from this part of the tools than `reach_m` says for a radius \[m\].
 fn near(
     scene: &Scene,
     surface: &Surface,
     samples: &[ToolSample],
+    part: Part,
     reach_m: impl Fn(f64) -> f64,
 ) -> usize {
     let each = samples.iter().filter_map(|sample| {
         let tool = scene.tools.iter().find(|tool| tool.id == sample.id)?;
-        let shape = Some(&tool.shape).filter(|shape| !shape.is_grip())?;
-        let solid = Solid::new(shape, surface.mean_edge_m, &shape.place(sample)?);
+        let shape = match part {
+            Part::Shape => Some(tool.shape.clone()).filter(|shape| !shape.is_grip())?,
+            Part::Body => tool.body?.capsule(),
+        };
+        let solid = Solid::new(&shape, surface.mean_edge_m, &shape.place(sample)?);
         let reach_m = reach_m(solid.radius());
         let bound_m = solid.bound() + reach_m;
         let is_near = |node: &&u32| {

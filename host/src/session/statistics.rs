@@ -506,12 +506,17 @@ impl Statistics {
     /// Why a force was felt that no step found, if one was.
     fn untouched(&self) -> Option<String> {
         let is_felt = self.peak_n > FELT_N && !self.had_fixture;
-        let is_found = self.contact_steps > 0 || self.solved_peak_n > FAINT_N;
-        (is_felt && !is_found && self.steps_ns.count() > 0).then(|| {
-            format!(
+        let is_found = self.solved_peak_n > FAINT_N;
+        (is_felt && !is_found && self.steps_ns.count() > 0).then(|| match self.contact_steps {
+            0 => format!(
                 "{:.3} N were felt, and no step found a contact",
                 self.peak_n
-            )
+            ),
+            // A contact is no force yet.
+            _ => format!(
+                "{:.3} N were felt, and steps found {:.4} N at most",
+                self.peak_n, self.solved_peak_n
+            ),
         })
     }
 
