@@ -648,6 +648,7 @@ fn the_words_of_a_status_are_described() {
         EndingKind::Fault,
         EndingKind::NotRendered,
         EndingKind::Inside,
+        EndingKind::Overlap,
         EndingKind::Untouched,
         EndingKind::Behind,
         EndingKind::Faint,
@@ -661,4 +662,102 @@ fn the_words_of_a_status_are_described() {
             "{kind:?}"
         );
     }
+}
+
+/// Two slabs that may touch, the lower one this far below the upper one, which a weight presses down at its free end [N].
+fn slabs(apart_m: f64, down_n: f64, divisions: usize) -> String {
+    let below_m = -0.01 - apart_m;
+    format!(
+        r#"
+name = "Two slabs"
+seconds = 0.1
+device = "cartesian-bench"
+
+[[mesh.part]]
+name = "lower"
+slab = {{ size_m = [0.04, 0.04, 0.01], divisions = [{divisions}, {divisions}, 2] }}
+at_m = [0.0, 0.0, {below_m:?}]
+
+[[mesh.part]]
+name = "upper"
+slab = {{ size_m = [0.04, 0.04, 0.01], divisions = [{upper}, {upper}, 2] }}
+
+[tissue]
+model = "linear"
+youngs_modulus_pa = 20e3
+poisson_ratio = 0.45
+
+[[fixed]]
+plane = {{ axis = "z", at_m = {:?} }}
+
+[[fixed]]
+plane = {{ axis = "x", at_m = -0.02 }}
+
+[[tissue_contact]]
+between = ["lower", "upper"]
+friction = 0.3
+
+[[load]]
+on = {{ plane = {{ axis = "z", at_m = 0.0 }} }}
+total_force_n = [0.0, 0.0, {:?}]
+
+[[tool]]
+shape = "grip"
+driven = true
+
+[hand]
+stiffness_n_per_m = 700.0
+damping_n_s_per_m = 10.0
+way_point = [{{ time_s = 0.0, position_m = [0.0, 0.0, 0.03] }}]
+"#,
+        below_m - 0.01,
+        -down_n,
+        upper = divisions + 1,
+    )
+}
+
+/// Status word and wound of `sutura solve` and `sutura run`, with the exit codes of these and of `sutura scene check`.
+fn pressed(scene: &str) -> ([i32; 3], [Value; 2], String) {
+    let folder = tempfile::tempdir().unwrap();
+    let (ran, summary, _) = run(folder.path(), scene, &[]);
+    let solve = ["solve", "scene.toml", "--out", "x.json", "--format", "json"];
+    let solved = sutura_in(folder.path(), &solve);
+    let checked = sutura_in(folder.path(), &["scene", "check", "scene.toml"]);
+    let codes = [checked.code, solved.code, ran];
+    (codes, [solved.json(), summary], checked.stderr)
+}
+
+/// Loads that press parts on each other are borne by both, in a mesh of edges much shorter than their gap as in one of long edges.
+#[test]
+fn parts_that_may_touch_do_not_go_through_each_other() {
+    for divisions in [6, 12] {
+        let ([checked, solved, ran], [solution, summary], said) =
+            pressed(&slabs(1e-3, 0.1, divisions));
+        assert_eq!((checked, solved, ran), (0, 0, 0), "{said}");
+        let [wound, scene] = [&solution["wound"], &summary["scene"]];
+        for said in [wound, scene] {
+            assert!(
+                said["touching"].as_u64().unwrap() > 5,
+                "{divisions}: {said}"
+            );
+            assert!(said["penetration_ratio"].as_f64().unwrap() < 1e-3, "{said}");
+        }
+        assert_eq!((word(&solution), word(&summary)), ("ok", "ok"));
+        let below_n = solution["fixed_reactions"][0]["force_n"][2]
+            .as_f64()
+            .unwrap();
+        assert!((0.02..0.08).contains(&below_n), "{divisions}: {below_n} N");
+    }
+    // By itself the upper one would move by more than its size; on the lower one it does not.
+    let ([checked, ..], _, said) = pressed(&slabs(1e-3, 1.0, 12));
+    assert_eq!(checked, 0, "{said}");
+}
+
+/// What nothing keeps apart is said, by whoever is asked.
+#[test]
+fn parts_in_each_other_are_no_good_end() {
+    let ([checked, solved, ran], [solution, summary], said) = pressed(&slabs(-2e-3, 0.01, 6));
+    assert_eq!((checked, solved, ran), (2, 8, 8));
+    assert!(said.contains("deep in each other"), "{said}");
+    assert_eq!((word(&solution), word(&summary)), ("overlap", "overlap"));
 }

@@ -6,10 +6,12 @@ use crate::support::{ran, root};
 use crate::view::Running;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
-use std::io::{BufRead as _, BufReader};
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::{TcpListener, TcpStream};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use tempfile::{TempDir, tempdir};
+use tokio_tungstenite::tungstenite::{Message, accept};
 
 /// A place where sessions are written down.
 fn place() -> (TempDir, String) {
@@ -176,4 +178,51 @@ fn several_sessions_are_told_apart() {
     assert_eq!(wrong.code, 2);
     assert!(wrong.stderr.contains("another key"), "{}", wrong.stderr);
     assert_eq!(one.stop().0, 0);
+}
+
+/// A server that takes the connection, and then does this with it until it is closed.
+fn server(then: fn(TcpStream)) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    std::thread::spawn(move || {
+        if let Ok((stream, _)) = listener.accept() {
+            then(stream);
+        }
+    });
+    format!("http://{address}/#key=0123")
+}
+
+/// Says the same for ever.
+fn flood(stream: TcpStream, message: &Message) {
+    let mut socket = accept(stream).unwrap();
+    while socket.send(message.clone()).is_ok() {}
+}
+
+/// What takes a connection and is no session's server is told within a limit: silent before the handshake or after it, or never silent.
+#[test]
+fn servers_that_say_of_no_session_are_not_waited_for() {
+    let (_folder, place) = place();
+    let kinds: [fn(TcpStream); 5] = [
+        |mut stream| while stream.read(&mut [0; 512]).is_ok_and(|count| count > 0) {},
+        |mut stream| while stream.write_all(b"H").is_ok() {},
+        |stream| {
+            let mut socket = accept(stream).unwrap();
+            while socket.read().is_ok() {}
+        },
+        |stream| flood(stream, &Message::text("{}")),
+        |stream| flood(stream, &Message::Ping("".into())),
+    ];
+    // All at once: each takes as long as the limit.
+    let started = kinds.map(|then| {
+        let mut command = top(&place);
+        let command = command.arg(server(then)).stdout(Stdio::piped());
+        command.stderr(Stdio::piped()).spawn().unwrap()
+    });
+    for child in started {
+        let ended = child.wait_with_output().unwrap();
+        let said = String::from_utf8_lossy(&ended.stderr);
+        assert_eq!(ended.status.code(), Some(2), "{said}");
+        assert!(said.contains("cannot be reached"), "{said}");
+        assert!(said.contains("is it still running?"), "{said}");
+    }
 }

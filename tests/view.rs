@@ -791,6 +791,15 @@ fn a_scene_in_the_making_gives_way_to_the_next() {
     let refused = client.ask(json!({"do": "scene", "name": "pipe"}));
     let message = refused["error"]["message"].as_str().unwrap();
     assert!(message.contains("it is a pipe"), "{refused}");
+    std::fs::write(folder.path().join("broken.toml"), "\nname = [").unwrap();
+    let refused = client.ask(json!({"do": "scene", "name": "broken"}));
+    let message = refused["error"]["message"].as_str().unwrap();
+    assert!(
+        message.contains("broken.toml, line 2, column "),
+        "{refused}"
+    );
+    let help = refused["error"]["help"].as_str().unwrap();
+    assert!(help.contains("`sutura scene check`"), "{refused}");
     client.say(&json!({"id": 1000, "do": "scene", "name": "long"}));
     client.say(&json!({"id": 1001, "do": "reset"}));
     let answer = client.text(|value| value["re"] == 1000 || value["re"] == 1001);

@@ -120,6 +120,16 @@ impl Default for Passes {
     }
 }
 
+/// Next step for loads under which touching tissues find no rest.
+fn way_to_rest(status: Status) -> &'static str {
+    match status {
+        Status::TooManyRows => {
+            "more features touch than there is room for: make the mesh coarser where it touches, or the loads smaller"
+        }
+        _ => "make the loads smaller, the tissue stiffer, or the mesh finer where it touches",
+    }
+}
+
 /// Why a model cannot be built.
 #[derive(Clone, Debug, PartialEq, Error)]
 #[non_exhaustive]
@@ -155,10 +165,10 @@ pub enum ModelError {
     Touch(#[from] TouchError),
     /// Tissues that are pressed together and find no balance.
     #[error(
-        "the loads and handles press tissues together, which find no rest beyond {:.1} % of these: {}; \
-         make the loads smaller, the tissue stiffer, or the mesh finer where it touches",
+        "the loads and handles press tissues together, which find no rest beyond {:.1} % of these: {}; {}",
         100.0 * share,
-        status.name()
+        status.name(),
+        way_to_rest(*status)
     )]
     NoRest {
         /// The part of loads and handles' ways that has a balance.

@@ -12,6 +12,7 @@ use crate::thread::{Bridge, HandReport, ThreadReport, ThreadTension};
 use nalgebra::Vector3;
 use schemars::JsonSchema;
 use serde::Serialize;
+use std::fmt;
 
 /// Part of the spans' length in the unloaded mesh by which punctures are drawn together at a time, for comparison: a tenth of an
 /// edge or less, where gaps are a few edges wide.
@@ -32,6 +33,37 @@ pub struct Wound {
     mean_edge_m: f64,
     /// Mean over all nodes of rims \[m\].
     gap_m: Option<f64>,
+}
+
+/// Deepest interpenetration of touching parts that contact leaves for certain [mean edges of the boundary]: fifty times what its
+/// rows leave.
+const MOST_OVERLAP: f64 = 0.05;
+
+/// Parts that may touch, deeper in each other than contact leaves them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Overlap {
+    /// Deepest interpenetration over the mean edge of the boundary.
+    pub ratio: f64,
+}
+
+impl Overlap {
+    /// What to do about it.
+    pub const HELP: &str = "move the parts apart in the mesh by `at_m`, or make the loads smaller; leave the pair out if its parts may pass";
+
+    /// Returns the overlap of parts whose deepest interpenetration over the mean edge is `ratio`, if contact does not leave as much.
+    pub fn of(ratio: f64) -> Option<Self> {
+        (ratio > MOST_OVERLAP).then_some(Self { ratio })
+    }
+}
+
+impl fmt::Display for Overlap {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "parts in `[[tissue_contact]]` are {:.2} mean edges deep in each other, and nothing keeps them apart there",
+            self.ratio
+        )
+    }
 }
 
 /// What a scene with threads or tissues that touch reports; a key is left out where there is nothing to say.
@@ -175,13 +207,28 @@ impl Wound {
         })
     }
 
+    /// How far parts that may touch are in each other, if that is deeper than contact leaves them.
+    pub fn overlap(&self, model: &Model, state: &State) -> Option<Overlap> {
+        let at: Vec<_> = state
+            .positions(model)
+            .into_iter()
+            .map(Vector3::from)
+            .collect();
+        Overlap::of(self.penetration_ratio(&at)?)
+    }
+
+    /// Deepest interpenetration of two parts over the mean edge, with nodes `at` (n x 3) \[m\].
+    fn penetration_ratio(&self, at: &[Vector3<f64>]) -> Option<f64> {
+        let apart = self.contacts.iter().filter(|pair| !pair.is_within_one());
+        let depths_m = apart.map(|pair| penetration_m([&pair.faces[0], &pair.faces[1]], at));
+        depths_m.reduce(f64::max).map(|m| m / self.mean_edge_m)
+    }
+
     /// What a step has left.
     pub fn report(&self, model: &Model, state: &State, last: &StepReport) -> WoundReport {
         let nodes_m = state.positions(model);
         let at: Vec<_> = nodes_m.iter().copied().map(Vector3::from).collect();
         let gap_m = rim_gap_m(&self.contacts, &at);
-        let apart = self.contacts.iter().filter(|pair| !pair.is_within_one());
-        let depths_m = apart.map(|pair| penetration_m([&pair.faces[0], &pair.faces[1]], &at));
         let bridges: Vec<_> = self
             .threads
             .iter()
@@ -204,7 +251,7 @@ impl Wound {
         let has_threads = !self.threads.is_empty();
         WoundReport {
             gap_ratio: gap_m.zip(self.gap_m).map(|(now, start)| now / start),
-            penetration_ratio: depths_m.reduce(f64::max).map(|m| m / self.mean_edge_m),
+            penetration_ratio: self.penetration_ratio(&at),
             bridge_ratio,
             rim_gap_vs_welded: gap_m.zip(welded_m).map(|(now, welded)| now / welded),
             rim_gap_m: gap_m,

@@ -472,6 +472,46 @@ fn whoever_does_not_fit_gets_an_answer_but_no_session() {
     assert!(console.is_open());
 }
 
+/// A console's reason is passed on where this end finds no difference, and a session's number beside it is none.
+#[test]
+fn a_refusal_opens_no_session_and_its_reason_is_said() {
+    let words = [
+        (Refusal::Schema, "another layout"),
+        (
+            Refusal::TickRate,
+            "another control rate, and says that its own is 1000 Hz",
+        ),
+        (Refusal::FrameSize, "needs larger frames"),
+        (Refusal::None, "without a reason"),
+        (Refusal::Owned, ""),
+    ];
+    for (refusal, words) in words {
+        for session in [0, 77] {
+            let mut host = HostLink::new(1000);
+            let answer = Hello {
+                schema_hash: SCHEMA_HASH,
+                max_frame: MAX_FRAME as u16,
+                session,
+                refusal,
+                ..sample::hello_console()
+            };
+            hello(&mut host, answer.nonce);
+            let events = hear(&mut host, &frame(0, 0, 0, &answer));
+            let opens = session != 0 && refusal == Refusal::None;
+            assert_eq!(host.is_open(), opens, "{refusal:?} {session}");
+            match events[..] {
+                [HostEvent::Opened(_)] => assert!(opens),
+                [HostEvent::Owned] => assert_eq!(refusal, Refusal::Owned),
+                [HostEvent::Refused(mismatch)] => {
+                    let said = mismatch.to_string();
+                    assert!(said.contains(words), "{said}");
+                }
+                _ => panic!("{refusal:?} {session}: {events:?}"),
+            }
+        }
+    }
+}
+
 #[test]
 fn a_host_of_another_version_is_answered_in_this_one() {
     let mut console = console();

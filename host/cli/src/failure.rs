@@ -68,7 +68,8 @@ impl Cause {
             Cause::NotRendered => {
                 "a session whose forces cannot be trusted: steps found a force and none was rendered, or more than a fifth of \
                  the steps in contact were withheld, not balanced, or behind the hand by more than they touched, once those \
-                 are a quarter of a second's; a tool was inside the tissue; a force was felt and no step found a contact; the \
+                 are a quarter of a second's; a tool was inside the tissue; parts that may touch are in each other, in a session or at rest; a force was \
+                 felt and no step found a contact; the \
                  tool touched and the largest force is below 5 mN"
             }
             Cause::NotReplayed => {
@@ -131,6 +132,28 @@ impl Failure {
             summarised: true,
             ..self
         }
+    }
+
+    /// The message with the file and the place that it is about, where there is one, and the next step.
+    pub fn in_words(&self) -> [String; 2] {
+        let label = self.report.labels().and_then(|mut labels| labels.next());
+        let source = self.report.source_code().zip(label);
+        let place = source.and_then(|(source, label)| {
+            let found = source.read_span(label.inner(), 0, 0).ok()?;
+            let (line, column) = (found.line() + 1, found.column() + 1);
+            let name = found.name();
+            Some(match name {
+                Some(name) => format!("{name}, line {line}, column {column}: "),
+                None => format!("line {line}, column {column}: "),
+            })
+        });
+        let message = format!("{}{}", place.unwrap_or_default(), self.report);
+        let help = self.report.help().map(|help| help.to_string());
+        let help = help.unwrap_or_else(|| match self.cause {
+            Cause::BadInput => "mend the scene; `sutura scene check` shows the place".to_owned(),
+            _ => "`sutura doctor` says what this machine can do".to_owned(),
+        });
+        [message, help]
     }
 
     /// A failure from a sentence and what the user can do about it.

@@ -32,6 +32,7 @@ use sutura_host::session::{
     self, Attendant, EndingKind, Line, Plan, PlanError, Progress, SceneSolver, Scheduling,
     SessionError, Solve, Summary, check_rate, run_lockstep, run_real_time,
 };
+use sutura_host::wound::Overlap;
 use sutura_shared::control::TICK_HZ;
 use sutura_shared::device::DeviceDescription;
 use sutura_shared::wire::inputs;
@@ -747,6 +748,7 @@ fn distrust(kind: EndingKind, summary: &Summary) -> (String, &'static str) {
     let why = &summary.ending.why;
     match kind {
         EndingKind::Inside => (why.clone(), help_for_withheld(Some("inside"))),
+        EndingKind::Overlap => (why.clone(), Overlap::HELP),
         EndingKind::Untouched => (
             why.clone(),
             "the console felt what steps had foretold, and no step found it: a higher --host-hz, or a tool that is not so thin",

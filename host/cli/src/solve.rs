@@ -10,8 +10,9 @@ use sutura_host::output::{
     DrivenNeedle, FixedReaction, HeldTool, Reaction, Solution, SolutionFormat,
 };
 use sutura_host::scene::{LONGEST_S, Scene};
+use sutura_host::session::EndingKind;
 use sutura_host::solve::{SolveError, solve};
-use sutura_host::wound::WoundReport;
+use sutura_host::wound::{Overlap, WoundReport};
 
 /// Solves a scene at rest: handles at their targets, loads, and tools held where `position_m` says.
 #[derive(Args, Debug)]
@@ -70,7 +71,15 @@ pub fn run(args: &SolveArgs, global: &Global) -> Result<(), Failure> {
         Format::Json => display::object(&solved(args, &solution)),
         Format::Text => print_text(args, &solution),
     }
-    Ok(())
+    overlap(&solution).map_or(Ok(()), |overlap| {
+        let failure = Failure::say(Cause::NotRendered, overlap.to_string(), Overlap::HELP);
+        Err(failure.after_summary())
+    })
+}
+
+/// Whether parts that may touch are in each other at rest, and how far.
+fn overlap(solution: &Solution) -> Option<Overlap> {
+    Overlap::of(solution.wound.as_ref()?.penetration_ratio?)
 }
 
 fn solve_at(at_s: f64, scene: &Scene) -> Result<f64, Failure> {
@@ -122,7 +131,7 @@ fn length(v: &[f64; 3]) -> f64 {
 /// What `--format json` prints.
 #[derive(Serialize, JsonSchema)]
 pub struct Solved<'a> {
-    /// `ok`.
+    /// `ok`, or `overlap`: parts that may touch are in each other.
     status: &'static str,
     /// The result file.
     out: String,
@@ -154,7 +163,10 @@ pub struct Solved<'a> {
 
 fn solved<'a>(args: &SolveArgs, solution: &'a Solution) -> Solved<'a> {
     Solved {
-        status: "ok",
+        status: match overlap(solution) {
+            Some(_) => EndingKind::Overlap.word(),
+            None => EndingKind::Ok.word(),
+        },
         out: args.out.display().to_string(),
         scene: &solution.scene,
         tissue: solution.tissue,

@@ -48,6 +48,8 @@ pub struct TouchWork {
     kept: Vec<(u32, Pair)>,
     /// Features of pairs taken up in this look.
     taken: Vec<Feature>,
+    /// Pairs that met in the newest look and found no room.
+    pub(super) without_room: usize,
 }
 
 impl TouchWork {
@@ -59,7 +61,13 @@ impl TouchWork {
             found: Vec::with_capacity(FOUND * most),
             kept: Vec::with_capacity(most),
             taken: Vec::with_capacity(2 * most),
+            without_room: 0,
         }
+    }
+
+    /// Whether pairs met in the newest look that found no room: nothing keeps them apart.
+    pub fn is_full(&self) -> bool {
+        self.without_room > 0
     }
 }
 
@@ -76,7 +84,9 @@ impl TouchState {
             found,
             kept,
             taken,
+            without_room,
         } = work;
+        *without_room = 0;
         found.clear();
         taken.clear();
         kept.clear();
@@ -122,6 +132,7 @@ impl TouchState {
             }
             if self.pairs.len() >= touching.most_pairs() {
                 self.refused += 1;
+                *without_room += 1;
                 continue;
             }
             taken.extend(features);

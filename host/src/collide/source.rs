@@ -36,6 +36,9 @@ impl Source for TissueContactSource {
         let touch = balance.state.touch.as_ref();
         if touch.is_none_or(|touch| touch.is_clear(slack_m + touch.strayed_m(touching, resting_m)))
         {
+            if let Some(work) = &mut balance.work.touch {
+                work.without_room = 0;
+            }
             return false;
         }
         balance.find_all_nodes();

@@ -5,7 +5,7 @@
 use std::fmt;
 
 /// Ways in which a session ends, the gravest first.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum EndingKind {
     /// A fault is latched.
     Fault,
@@ -13,6 +13,8 @@ pub enum EndingKind {
     NotRendered,
     /// A tool was inside the tissue.
     Inside,
+    /// Parts of the tissue that may touch are in each other.
+    Overlap,
     /// A force was felt, and no step found a contact.
     Untouched,
     /// Tools lagged behind the hand by more than they touched.
@@ -37,6 +39,7 @@ impl EndingKind {
             Self::Fault => "fault",
             Self::NotRendered => "not-rendered",
             Self::Inside => "inside",
+            Self::Overlap => "overlap",
             Self::Untouched => "untouched",
             Self::Behind => "behind",
             Self::Faint => "faint",
@@ -51,7 +54,12 @@ impl EndingKind {
     pub fn is_untrusted(self) -> bool {
         matches!(
             self,
-            Self::NotRendered | Self::Inside | Self::Untouched | Self::Behind | Self::Faint
+            Self::NotRendered
+                | Self::Inside
+                | Self::Overlap
+                | Self::Untouched
+                | Self::Behind
+                | Self::Faint
         )
     }
 }

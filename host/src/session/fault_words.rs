@@ -15,6 +15,14 @@ pub fn fault_names(bits: u16) -> Vec<String> {
     names(bits).map(str::to_owned).chain(number).collect()
 }
 
+/// The faults' names in a sentence; a console may be in a latched fault and name none.
+pub(super) fn said(names: &[String]) -> String {
+    match names {
+        [] => "it does not say which".to_owned(),
+        names => names.join(", "),
+    }
+}
+
 /// What a fault is, in a sentence, and what to do: of one bit of the wire's.
 pub fn fault_words(bit: u16) -> (&'static str, &'static str) {
     match bit {
@@ -75,6 +83,12 @@ mod tests {
         let words: BTreeSet<_> = NAMES.iter().map(|(bit, _)| fault_words(*bit)).collect();
         assert_eq!(words.len(), NAMES.len());
         assert!(!words.contains(&fault_words(1 << 15)));
+    }
+
+    #[test]
+    fn a_fault_without_bits_has_words() {
+        assert_eq!(said(&[]), "it does not say which");
+        assert_eq!(said(&fault_names(E_STOP | SUPPLY)), "e_stop, supply");
     }
 
     /// A newer console's fault is never a fault without a name.

@@ -368,14 +368,14 @@ pub fn run_steered(
         sessions: 1,
         ..LinkSummary::default()
     };
-    Ok(Summary {
+    let summary = Summary {
         console: line.console.name().to_owned(),
         device: plan.device_name(&hello),
         wall_s: started.elapsed().as_secs_f64(),
         link,
         rendering: plan.rendering.word(),
         most_rows: plan.most_rows(),
-        scene: solver.scene(),
         ..tally.summary(&counters, plan.tick_hz)
-    })
+    };
+    Ok(summary.with_scene(solver.scene()))
 }

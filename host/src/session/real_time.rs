@@ -296,19 +296,19 @@ pub fn run_real_time(
         summary.ending = Ending::new(EndingKind::Idle, why);
         summary.status = summary.ending.to_string();
     }
-    Ok(Summary {
+    let summary = Summary {
         console,
         device,
         wall_s,
         rendering: plan.rendering.word(),
         most_rows: plan.most_rows(),
-        scene: solver.scene(),
         link: link_summary,
         scheduling: Some(scheduling),
         machine_late_us: lateness.as_ref().map(|lateness| lateness.late_us()),
         machine_late_over_5ms: lateness.as_ref().map(|lateness| lateness.over_5ms()),
         ..summary
-    })
+    };
+    Ok(summary.with_scene(solver.scene()))
 }
 
 /// The link so far.

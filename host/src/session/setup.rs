@@ -81,7 +81,10 @@ pub enum SessionError {
     #[error(transparent)]
     Link(#[from] LinkError),
     /// A fault was latched before the session began.
-    #[error("the console is in a latched fault: {}", faults.join(", "))]
+    #[error(
+        "the console is in a latched fault: {}",
+        super::fault_words::said(faults)
+    )]
     Fault {
         /// Names of the faults.
         faults: Vec<String>,

@@ -7,6 +7,7 @@
 
 use super::ending::{Ending, EndingKind};
 use super::fault_names;
+use super::fault_words::said;
 use super::heard::Fate;
 use super::horizon::Horizon;
 use super::limited::{Cuts, LimitWatch, LimitedTicks};
@@ -592,7 +593,7 @@ impl Statistics {
         };
         let idle = "no usable contact for too long".to_owned();
         let found = [
-            (Fault, (mode == Mode::Fault).then(|| faults.join(", "))),
+            (Fault, (mode == Mode::Fault).then(|| said(faults))),
             (NotRendered, self.not_rendered()),
             (Inside, inside()),
             (Untouched, self.untouched()),

@@ -5,8 +5,9 @@
 use super::limited::Cuts;
 use super::overload::GivenUp;
 use super::statistics::MOST_SPOILT;
-use super::{Chosen, Ending, LimitedTicks};
+use super::{Chosen, Ending, EndingKind, LimitedTicks};
 use super::{MachineLate, Scheduling};
+use crate::wound::Overlap;
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -141,8 +142,8 @@ pub struct SafeStop {
 /// A session in numbers.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Summary {
-    /// `ok`, or a word and its reason, the first of these: `fault`, `not-rendered`, `inside`, `untouched`, `behind`, `faint`,
-    /// `stopped`, `idle`, `limited`.
+    /// `ok`, or a word and its reason, the first of these: `fault`, `not-rendered`, `inside`, `overlap`, `untouched`,
+    /// `behind`, `faint`, `stopped`, `idle`, `limited`.
     pub status: String,
     /// The same, to be compared.
     #[serde(skip)]
@@ -315,6 +316,19 @@ impl ViewSummary {
 }
 
 impl Summary {
+    /// Adds what the scene reports, and ends with parts that are in each other if there is nothing graver.
+    pub(super) fn with_scene(mut self, scene: serde_json::Map<String, serde_json::Value>) -> Self {
+        let ratio = scene.get("penetration_ratio");
+        if let Some(overlap) = ratio.and_then(|ratio| Overlap::of(ratio.as_f64()?))
+            && EndingKind::Overlap < self.ending.kind
+        {
+            self.ending = Ending::new(EndingKind::Overlap, overlap.to_string());
+            self.status = self.ending.to_string();
+        }
+        self.scene = scene;
+        self
+    }
+
     /// Whether limits of the device, or its energy account, took away more of the force than a session that is `ok` may lose.
     pub fn is_cut(&self) -> bool {
         let cuts = Cuts {

@@ -234,6 +234,9 @@ impl<'a> Balance<'a> {
                 settled &= source.settle(self, *solves)?;
             }
             if settled && !sources.each().any(|source| source.meets(self)) {
+                if self.work.touch.as_ref().is_some_and(TouchWork::is_full) {
+                    return Err(Status::TooManyRows);
+                }
                 // Whoever asks where nodes are now asks for many.
                 if self.pushes_many() {
                     self.find_all_nodes();
@@ -451,6 +454,11 @@ impl PushSums {
 }
 
 impl Nodes {
+    /// Forgets where nodes rest: the loads have changed.
+    pub fn rest_moved(&mut self) {
+        self.at_rest = false;
+    }
+
     /// Takes over the forces of a solve.
     fn solved(&mut self, pushes: impl Iterator<Item = Push>) {
         self.solves += 1;

@@ -157,6 +157,7 @@ fn follow(
         &mut state,
         |state, share, exact| {
             whole.load(sources, points_m, share);
+            work.balance.nodes.rest_moved();
             let body = model.body.at_share(share);
             balance(&body, sources, points_m, state, &mut work, exact)
         },
@@ -220,12 +221,12 @@ fn in_shares(
 ) -> Result<(), NoRest> {
     let (mut share, mut stride) = (0.0, stride.min(1.0));
     let mut tried = 0;
+    let mut why = Status::NotConverged;
     while share < 1.0 {
         // The rest of them by strides like this is too many: that is known before they are tried.
         let left = (1.0 - share) / stride;
         if f64::from(tried) + left > f64::from(MOST_TRIED) || work::is_stopped() {
-            let status = Status::NotConverged;
-            return Err(NoRest { share, status });
+            return Err(NoRest { share, status: why });
         }
         tried += 1;
         work::part((1e3 * share) as usize, 1000);
@@ -240,6 +241,7 @@ fn in_shares(
             Ok(()) => share = next,
             Err(status) => {
                 *state = before;
+                why = status;
                 stride *= 0.5;
                 if stride < LEAST_SHARE {
                     return Err(NoRest { share, status });

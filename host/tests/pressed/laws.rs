@@ -3,9 +3,11 @@
 use super::rig::{Pressed, Setup, shared, traction};
 use crate::touch::rig::Blocks;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use sutura_host::collide::TouchSettings;
 use sutura_host::fem::{
     Anchor, CorotationalTissue, Handle, LinearTissue, Loads, Material, Materials, NodeLoad, Policy,
 };
+use sutura_host::model::ModelError;
 use sutura_host::step::{State, Status, StepOptions, Workspace, step};
 
 const SIDE_M: f64 = 0.02;
@@ -18,20 +20,20 @@ const COLUMN: Material = Material {
 };
 
 /// Two columns, the lower one on a table and the upper one under a ceiling, whose lower end is drawn down by a uniform
-/// traction.
-fn columns(upper: [usize; 3], lower: [usize; 3], traction_pa: f64, turns: bool) -> Pressed {
+/// traction over a gap.
+fn apart(gap_m: f64, [upper, lower]: [[usize; 3]; 2], traction_pa: f64, turns: bool) -> Setup {
     let size = [SIDE_M, SIDE_M, HEIGHT_M];
-    let above = Isometry3::translation(0.0, 0.0, HEIGHT_M + GAP_M);
+    let above = Isometry3::translation(0.0, 0.0, HEIGHT_M + gap_m);
     let blocks = Blocks::new(&[(size, upper, above), (size, lower, Isometry3::identity())]);
-    let mut fixed = blocks.nodes(0, |at| at[2] > HEIGHT_M + GAP_M - 1e-9);
+    let mut fixed = blocks.nodes(0, |at| at[2] > HEIGHT_M + gap_m - 1e-9);
     fixed.extend(blocks.nodes(1, |at| at[2] < 1e-9 - HEIGHT_M));
     let points = blocks.mesh.points_m();
-    let is_low = |node: &u32| points[*node as usize][2] < GAP_M + 1e-9;
+    let is_low = |node: &u32| points[*node as usize][2] < gap_m + 1e-9;
     let mut faces = blocks.faces(0);
     faces.retain(|face| face.iter().all(is_low));
     let down = Vector3::new(0.0, 0.0, -traction_pa);
     let forces = traction(points, &faces, down);
-    Pressed::new(Setup {
+    Setup {
         fixed,
         loads: Loads {
             forces,
@@ -41,8 +43,12 @@ fn columns(upper: [usize; 3], lower: [usize; 3], traction_pa: f64, turns: bool) 
         materials: COLUMN.into(),
         friction: 0.0,
         turns,
-    })
-    .expect("has a rest")
+    }
+}
+
+/// Two columns over a narrow gap.
+fn columns(upper: [usize; 3], lower: [usize; 3], traction_pa: f64, turns: bool) -> Pressed {
+    Pressed::new(apart(GAP_M, [upper, lower], traction_pa, turns)).expect("has a rest")
 }
 
 /// How far two columns are from their closed form.
@@ -56,10 +62,10 @@ struct Deviation {
     node_m: f64,
 }
 
-fn deviation(pressed: &Pressed, traction_pa: f64) -> Deviation {
+fn deviation(pressed: &Pressed, gap_m: f64, traction_pa: f64) -> Deviation {
     // Both give way by h / E: (P - q) h / E + q h / E of each other, until what is left of the gap is the separation.
     let give = HEIGHT_M / COLUMN.youngs_modulus_pa;
-    let closed_m = GAP_M - pressed.separation_m;
+    let closed_m = gap_m - pressed.separation_m;
     let pressure_pa = 0.5 * (traction_pa - closed_m / give);
     let rest = pressed.rest();
     let stress = pressed.model.principal_stress_pa(&rest.displacement_m);
@@ -71,7 +77,7 @@ fn deviation(pressed: &Pressed, traction_pa: f64) -> Deviation {
         } else {
             [0.0, 0.0, -pressure_pa]
         };
-        let z = cell.map(|node| mesh.points_m()[node as usize][2] - 0.5 * GAP_M);
+        let z = cell.map(|node| mesh.points_m()[node as usize][2] - 0.5 * gap_m);
         let far = usize::from(z.iter().all(|z| z.abs() > 0.5 * SIDE_M));
         for (found, wanted) in stress.iter().zip(wanted) {
             for off_pa in &mut off_pa[..=far] {
@@ -81,7 +87,7 @@ fn deviation(pressed: &Pressed, traction_pa: f64) -> Deviation {
     }
     for (node, (at, u)) in (0u32..).zip(mesh.points_m().iter().zip(&rest.displacement_m)) {
         let wanted = if node < pressed.blocks.first[1] {
-            let part = (HEIGHT_M + GAP_M - at[2]) / HEIGHT_M;
+            let part = (HEIGHT_M + gap_m - at[2]) / HEIGHT_M;
             -part * (traction_pa - pressure_pa) * give
         } else {
             -(at[2] + HEIGHT_M) / HEIGHT_M * pressure_pa * give
@@ -107,13 +113,54 @@ fn assert_balanced(pressed: &Pressed) {
     );
 }
 
+/// Parts that only meet after several shares of a load, and none of them moves a node as far as the gap.
+#[test]
+fn loads_close_a_gap_that_is_wider_than_one_of_their_shares() {
+    for (gap_m, turns) in [(2e-3, false), (2e-3, true), (6e-3, false)] {
+        let traction_pa = 5000.0;
+        let setup = apart(gap_m, [[4, 4, 6]; 2], traction_pa, turns);
+        let mut pressed = Pressed::new(setup).expect("has a rest");
+        assert_balanced(&pressed);
+        if !turns {
+            let off = deviation(&pressed, gap_m, traction_pa);
+            assert!(off.pressure_pa > 1000.0);
+            assert!(off.stress_pa[0] < 1e-9 * off.pressure_pa, "{off:?}");
+        }
+        let (_, last) = pressed.wait(1);
+        assert!(last.touching >= 25, "{}", last.touching);
+    }
+}
+
+/// Pairs for which there is no room would go through each other.
+#[test]
+fn more_pairs_than_there_is_room_for_are_no_rest() {
+    let settings = TouchSettings {
+        most_pairs: 15,
+        ..TouchSettings::default()
+    };
+    let setup = || apart(GAP_M, [[3, 3, 3]; 2], 200.0, false);
+    let found = Pressed::with(setup(), settings).map(drop);
+    let Err(ModelError::NoRest { status, .. }) = found else {
+        panic!("{found:?}")
+    };
+    assert_eq!(status, Status::TooManyRows);
+    // One for each node of the faces.
+    let most_pairs = 16;
+    let settings = TouchSettings {
+        most_pairs,
+        ..settings
+    };
+    let pressed = Pressed::with(setup(), settings).expect("has a rest");
+    assert_balanced(&pressed);
+}
+
 #[test]
 fn two_columns_share_a_pressure_by_their_stiffness() {
     // The last one would be 15 mm in the other column, three edges.
     for (traction_pa, turns) in [(200.0, false), (200.0, true), (5000.0, false)] {
         let mut pressed = columns([4, 4, 6], [4, 4, 6], traction_pa, turns);
         assert_balanced(&pressed);
-        let off = deviation(&pressed, traction_pa);
+        let off = deviation(&pressed, GAP_M, traction_pa);
         assert!(off.pressure_pa > 50.0);
         assert!(off.stress_pa[0] < 1e-9 * off.pressure_pa, "{off:?}");
         assert!(off.node_m < 1e-12, "{off:?}");
@@ -138,7 +185,7 @@ fn a_uniform_pressure_passes_through_meshes_that_do_not_match() {
         for traction_pa in [200.0, 2000.0] {
             let pressed = columns(upper, lower, traction_pa, false);
             assert_balanced(&pressed);
-            let off = deviation(&pressed, traction_pa);
+            let off = deviation(&pressed, GAP_M, traction_pa);
             let mean_pa = pressed.contact_n().z / (SIDE_M * SIDE_M);
             // Nodes that lie between a half of the separation and all of it are not held yet.
             let bars = if traction_pa > 1000.0 {

@@ -30,6 +30,11 @@ pub struct Pressed {
 impl Pressed {
     /// At rest; the first body is the upper one.
     pub fn new(setup: Setup) -> Result<Self, ModelError> {
+        Self::with(setup, TouchSettings::default())
+    }
+
+    /// As [`Self::new`], with contact found and kept by these settings.
+    pub fn with(setup: Setup, settings: TouchSettings) -> Result<Self, ModelError> {
         let Setup {
             blocks,
             materials,
@@ -53,7 +58,6 @@ impl Pressed {
             faces: [blocks.faces(0), blocks.faces(1)],
             friction,
         };
-        let settings = TouchSettings::default();
         let at: Vec<_> = mesh.points_m().iter().map(|x| Vector3::from(*x)).collect();
         let touching = Touching::new(std::slice::from_ref(&part), &at, settings)?;
         let model = model.with_touching(mesh, &[part], settings)?;

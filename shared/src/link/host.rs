@@ -34,8 +34,15 @@ pub enum Mismatch {
         /// The console's limit \[bytes\].
         console: u16,
     },
-    /// The console gave no session although nothing differs.
-    Refused,
+    /// The console gave no session although this end finds no difference.
+    Refused {
+        /// Its reason.
+        refusal: Refusal,
+        /// Its control rate \[Hz\].
+        tick_hz: u16,
+        /// Its largest frame \[bytes\].
+        max_frame: u16,
+    },
     /// The console's answer breaks the protocol's rules.
     Unusable(Reject),
 }
@@ -61,7 +68,27 @@ impl fmt::Display for Mismatch {
                 f,
                 "the console takes frames of at most {console} bytes, this program's have up to {MAX_FRAME}"
             ),
-            Mismatch::Refused => f.write_str("the console refused the session without a reason"),
+            Mismatch::Refused {
+                refusal,
+                tick_hz,
+                max_frame,
+            } => {
+                f.write_str("the console refused the session")?;
+                match refusal {
+                    Refusal::None => f.write_str(" without a reason"),
+                    Refusal::Schema => f.write_str(
+                        ": it takes messages of another layout; use firmware and program of one release",
+                    ),
+                    Refusal::TickRate => {
+                        write!(f, ": it takes another control rate, and says that its own is {tick_hz} Hz")
+                    }
+                    Refusal::FrameSize => write!(
+                        f,
+                        ": it needs larger frames than this program's of {MAX_FRAME} bytes, and takes up to {max_frame}"
+                    ),
+                    Refusal::Owned => f.write_str(": another host uses it"),
+                }
+            }
             Mismatch::Unusable(reject) => {
                 write!(
                     f,
@@ -197,10 +224,15 @@ impl HostLink {
                 if let Err(mismatch) = self.agree(&hello) {
                     return Ok(HostEvent::Refused(mismatch));
                 }
-                if hello.session == 0 {
+                // One that says why it gives none gives none, whatever number stands beside that.
+                if hello.session == 0 || hello.refusal != Refusal::None {
                     return Ok(match hello.refusal {
                         Refusal::Owned => HostEvent::Owned,
-                        _ => HostEvent::Refused(Mismatch::Refused),
+                        refusal => HostEvent::Refused(Mismatch::Refused {
+                            refusal,
+                            tick_hz: hello.tick_hz,
+                            max_frame: hello.max_frame,
+                        }),
                     });
                 }
                 self.endpoint.open(hello.session);

@@ -10,6 +10,7 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use sutura_host::scene::{self, Flaw, Scene};
 use sutura_host::session::{Overfull, Plan, SceneSolver, check_rate, overfull};
+use sutura_host::wound::Overlap;
 use sutura_shared::control::TICK_HZ;
 use sutura_study::explain::{Component, explain};
 
@@ -108,7 +109,9 @@ fn check(path: &Path, global: &Global) -> Result<(), Failure> {
         let plan = Plan::of_scene(&scene)?;
         check_rate(plan.host_hz, TICK_HZ).map_err(|error| session_failure(error, "virtual"))?;
     }
-    SceneSolver::new(&scene)?;
+    let solver = SceneSolver::new(&scene)?;
+    check_apart(&solver)?;
+    drop(solver);
     check_room(&scene)?;
     drop(shown);
     match global.format {
@@ -132,6 +135,20 @@ fn check(path: &Path, global: &Global) -> Result<(), Failure> {
         ),
     }
     Ok(())
+}
+
+/// Checks that parts that may touch begin outside each other.
+///
+/// # Errors
+/// Bad input: they do not.
+fn check_apart(solver: &SceneSolver) -> Result<(), Failure> {
+    solver.overlap().map_or(Ok(()), |overlap| {
+        Err(Failure::say(
+            Cause::BadInput,
+            overlap.to_string(),
+            Overlap::HELP,
+        ))
+    })
 }
 
 /// Whether every step of the scene's session has room for what its tools touch.

@@ -54,7 +54,9 @@ mod command {
     pub fn run(args: &TopArgs, global: &Global) -> Result<(), Failure> {
         let stop = stop_on_signals()?;
         let Server { address, key, .. } = find(args.url.as_deref())?;
-        let mut source = Remote::open(&address, &key)?;
+        let Some(mut source) = Remote::open(&address, &key, &stop)? else {
+            return Ok(());
+        };
         let is_seen = io::stdin().is_terminal()
             && io::stdout().is_terminal()
             && io::stderr().is_terminal()

@@ -7,16 +7,20 @@ use serde_json::{Value, json};
 use std::io;
 use std::net::{TcpStream, ToSocketAddrs as _};
 use std::sync::Arc;
-use std::time::Duration;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 use sutura_view::{Next, Shared};
 use tungstenite::client::IntoClientRequest as _;
 use tungstenite::http::HeaderValue;
-use tungstenite::{Error, WebSocket};
+use tungstenite::{Error, HandshakeError, WebSocket};
 
 /// How long is waited for something new before keys are looked at \[ms\].
 const WAIT: Duration = Duration::from_millis(20);
-/// How long a server may take to be reached, and to take a command.
+/// How long a server may take to be reached, to say of which session it is, and to take a command.
 const WITHIN: Duration = Duration::from_secs(5);
+/// What to do about a session that cannot be reached.
+const HELP: &str =
+    "is it still running? over SSH, forward its port: `ssh -L 8421:127.0.0.1:8421 HOST`";
 /// Messages that are taken at once.
 const AT_ONCE: usize = 64;
 
@@ -41,6 +45,14 @@ pub trait Source {
     fn ended(&self) -> Option<String>;
 }
 
+/// Says that a server did not say in time of which session it is.
+fn late() -> String {
+    format!(
+        "it did not say within {} s of which session it is",
+        WITHIN.as_secs()
+    )
+}
+
 /// A command with a number of its own.
 fn numbered(last: &mut u64, mut command: Value) -> Value {
     *last += 1;
@@ -59,18 +71,19 @@ pub struct Remote {
     address: String,
     asked: u64,
     ended: Option<String>,
+    /// Messages that came while the session was opened.
+    first: Vec<Message>,
 }
 
 impl Remote {
-    /// Opens the session at an address (name and port).
+    /// Opens the session at an address (name and port). `None`: `stop` was set before it was open.
     ///
     /// # Errors
-    /// Nobody answers, or refuses.
-    pub fn open(address: &str, key: &str) -> Result<Remote, Failure> {
+    /// Nobody answers, or refuses, or says in time of which session it is.
+    pub fn open(address: &str, key: &str, stop: &AtomicBool) -> Result<Option<Remote>, Failure> {
         let unreachable = |why: &dyn std::fmt::Display| {
             let message = format!("the session at {address} cannot be reached: {why}");
-            let help = "is it still running? over SSH, forward its port: `ssh -L 8421:127.0.0.1:8421 HOST`";
-            Failure::say(Cause::BadInput, message, help)
+            Failure::say(Cause::BadInput, message, HELP)
         };
         let mut places = address.to_socket_addrs().map_err(|why| unreachable(&why))?;
         let mut stream = Err(io::Error::from(io::ErrorKind::NotFound));
@@ -78,12 +91,14 @@ impl Remote {
             stream = TcpStream::connect_timeout(&place, WITHIN);
         }
         let stream = stream.map_err(|why| unreachable(&why))?;
-        let timeouts = |read| {
+        let timeouts = || {
             stream.set_nodelay(true)?;
             stream.set_write_timeout(Some(WITHIN))?;
-            stream.set_read_timeout(Some(read))
+            stream.set_read_timeout(Some(WAIT))
         };
-        timeouts(WITHIN).map_err(|why| unreachable(&why))?;
+        timeouts().map_err(|why| unreachable(&why))?;
+        let until = Instant::now() + WITHIN;
+        let stopped = || stop.load(Ordering::Relaxed);
         let mut request = format!("ws://{address}/ws")
             .into_client_request()
             .map_err(|why| unreachable(&why))?;
@@ -91,25 +106,52 @@ impl Remote {
         let given = given.map_err(|why| unreachable(&why))?;
         request.headers_mut().insert("authorization", given);
         let cloned = stream.try_clone().map_err(|why| unreachable(&why))?;
-        let opened = tungstenite::client(request, cloned);
+        let mut opened = tungstenite::client(request, cloned);
+        while let Err(HandshakeError::Interrupted(half)) = opened {
+            if stopped() {
+                return Ok(None);
+            }
+            if Instant::now() > until {
+                return Err(unreachable(&late()));
+            }
+            opened = half.handshake();
+        }
         let (socket, _) = opened.map_err(|error| match error {
-            tungstenite::HandshakeError::Failure(Error::Http(answer)) if answer.status() == 403 => {
+            HandshakeError::Failure(Error::Http(answer)) if answer.status() == 403 => {
                 let message = format!("the session at {address} has another key");
                 let help = "open the address that it has printed; every start has a new key";
                 Failure::say(Cause::BadInput, message, help)
             }
             other => unreachable(&other),
         })?;
-        timeouts(WAIT).map_err(|why| unreachable(&why))?;
         let mut new = Remote {
             socket,
             address: address.to_owned(),
             asked: 0,
             ended: None,
+            first: Vec::new(),
         };
         new.send(&json!({"key": key, "control": true, "format": 1}));
-        new.say(none());
-        Ok(new)
+        let asked = new.say(none());
+        // Only a session's server says this, the answer alone while the session is made; others may be silent, or say
+        // anything for ever.
+        let is_known = |message: &Message| match message {
+            Message::Text(text) => text["kind"] == "hello" || text["re"] == asked["id"],
+            Message::Binary(_) => false,
+        };
+        loop {
+            let mut came = new.receive();
+            if let Some(place) = came.iter().position(is_known) {
+                new.first = came.split_off(place);
+                return Ok(Some(new));
+            }
+            match &new.ended {
+                Some(why) => return Err(Failure::say(Cause::BadInput, why, HELP)),
+                None if stopped() => return Ok(None),
+                None if Instant::now() > until => return Err(unreachable(&late())),
+                None => {}
+            }
+        }
     }
 
     fn send(&mut self, value: &Value) {
@@ -137,8 +179,11 @@ impl Remote {
 
 impl Source for Remote {
     fn receive(&mut self) -> Vec<Message> {
-        let mut all = Vec::new();
-        while all.len() < AT_ONCE && self.ended.is_none() {
+        let mut all = std::mem::take(&mut self.first);
+        for _ in 0..AT_ONCE {
+            if self.ended.is_some() {
+                break;
+            }
             match self.socket.read() {
                 Ok(tungstenite::Message::Text(text)) => {
                     all.extend(serde_json::from_str(&text).ok().map(Message::Text));

@@ -481,9 +481,8 @@ impl<'a> Helm<'a> {
                 return true;
             }
             Ok(Err(failure)) => {
-                let help = failure.report.help().map(|help| help.to_string());
-                let message = failure.report.to_string();
-                making.reply.refuse(&message, &help.unwrap_or_default());
+                let [message, help] = failure.in_words();
+                making.reply.refuse(&message, &help);
             }
             Err(_) => making.reply.refuse(
                 "it could not be made",

@@ -64,8 +64,9 @@ impl Opened {
         let to_s = Line::of(&self.recording, None).to_s;
         match asked_s {
             None => Ok(super::SHOT_AT_S.min(to_s)),
-            Some(at_s) if at_s <= to_s => Ok(at_s),
+            Some(at_s) if at_s <= to_s + LEAST_S => Ok(at_s.min(to_s)),
             Some(at_s) => {
+                let to_s = down_to_ms(to_s);
                 let message = format!(
                     "{} ends at {to_s:.3} s: there is no picture of {at_s} s",
                     self.file.display()
@@ -75,6 +76,14 @@ impl Opened {
             }
         }
     }
+}
+
+/// Below what a console's clock counts \[s\].
+const LEAST_S: f64 = 5e-7;
+
+/// A time rounded down to milliseconds \[s\]: what is printed of it is within the recording.
+fn down_to_ms(time_s: f64) -> f64 {
+    (1e3 * time_s).floor() * 1e-3
 }
 
 /// Shows a recording until `stop` is set; the page opens it at a time, if there is to be one.
@@ -313,5 +322,25 @@ fn judged(verdict: &HostVerdict) -> (&'static str, String) {
                 verdict.largest_difference
             ),
         ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The limit that is named is one that is taken.
+    #[test]
+    fn the_end_that_is_named_is_within_the_recording() {
+        for end_us in (0..20_000).chain([2_998_700, 2_999_000, 3_000_000]) {
+            let end_s = 1e-6 * f64::from(end_us);
+            let named: f64 = format!("{:.3}", down_to_ms(end_s))
+                .parse()
+                .expect("a number");
+            assert!(
+                named <= end_s + LEAST_S && end_s - named < 1.001e-3,
+                "{end_s}: {named}"
+            );
+        }
     }
 }

@@ -12,7 +12,7 @@ use crate::source::tool::MOST_CONTACTS;
 use crate::step::{State, Status, StepOptions, StepReport, Workspace, step, try_step};
 use crate::tool::{Tool, ToolSample};
 use crate::work;
-use crate::wound::Wound;
+use crate::wound::{Overlap, Wound};
 use nalgebra::Vector3;
 use std::sync::Arc;
 
@@ -48,12 +48,23 @@ impl Constrained {
         if let Some(words) = scene.sags(&model) {
             tracing::warn!("{words}");
         }
-        Ok(Self {
-            wound: Wound::new(scene, &model),
+        let wound = Wound::new(scene, &model);
+        let tissue = Self {
+            wound,
             model: Arc::new(model),
             state,
             work,
-        })
+        };
+        if let Some(overlap) = tissue.overlap() {
+            tracing::warn!("{overlap}");
+        }
+        Ok(tissue)
+    }
+
+    /// How far parts that may touch are in each other, if that is deeper than contact leaves them.
+    pub fn overlap(&self) -> Option<Overlap> {
+        let wound = self.wound.as_ref()?;
+        wound.overlap(&self.model, &self.state)
     }
 
     /// Whether any tool rubs.

@@ -26,7 +26,7 @@ use crate::step::{
     self, Arrival, Rule, Stages, Status, StepOptions, StepReport, ToolRows, Workspace,
 };
 use crate::tool::{Act, Tool, ToolSample};
-use crate::wound::WoundReport;
+use crate::wound::{Overlap, WoundReport};
 use constrained::Constrained;
 pub(crate) use constrained::{IN_BALANCE, MOST_PASSES, MOST_STEPS};
 use events::EventLog;
@@ -454,7 +454,15 @@ impl SceneSolver {
         Some(wound.report(&tissue.model, &tissue.state, last))
     }
 
-    /// The same for the summary.
+    /// How far parts that may touch are in each other, if that is deeper than contact leaves them.
+    pub fn overlap(&self) -> Option<Overlap> {
+        match &self.follower {
+            Follower::Constrained(tissue) => tissue.overlap(),
+            Follower::Prescribed(_) => None,
+        }
+    }
+
+    /// [`Self::wound`] for the summary.
     fn wound_said(&self) -> Map<String, Value> {
         let Some(Ok(Value::Object(mut map))) = self.wound().map(serde_json::to_value) else {
             return Map::new();
