@@ -601,7 +601,15 @@ fn the_host_refuses_a_console_that_does_not_fit() {
             Mismatch::FrameSize { console: 100 },
             "100 bytes",
         ),
-        (Hello { session: 0, ..fits }, Mismatch::Refused, "refused"),
+        (
+            Hello { session: 0, ..fits },
+            Mismatch::Refused {
+                refusal: Refusal::None,
+                tick_hz: fits.tick_hz,
+                max_frame: fits.max_frame,
+            },
+            "refused",
+        ),
     ];
     for (answer, mismatch, says) in cases {
         assert_eq!(hear_of(answer), (HostEvent::Refused(mismatch), false));

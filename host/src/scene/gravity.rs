@@ -6,7 +6,6 @@ use super::document::{Document, Flaw, SceneError};
 use super::{Needle, Scene, Tissue, units};
 use crate::fem::{LinearTissue, Loads, NodeLoad, weight};
 use crate::mesh::TetMesh;
-use crate::model::Model;
 use crate::needle::NeedleWeight;
 use std::ops::Range;
 use sutura_scene_file::scene::SceneFile;
@@ -71,9 +70,10 @@ impl Scene {
         })
     }
 
-    /// What is to be said of tissue that sags far under its weight: `model` is of this scene.
-    pub(crate) fn sags(&self, model: &Model) -> Option<String> {
-        let (sag_m, size_m) = (model.sag_m(), units::size_m(&self.mesh));
+    /// What is to be said of tissue that sags far under its weight: it rests, on what it touches, with its nodes at `positions_m`
+    /// (n x 3).
+    pub(crate) fn sags(&self, positions_m: &[[f64; 3]]) -> Option<String> {
+        let (sag_m, size_m) = (self.moved_m(positions_m), units::size_m(&self.mesh));
         let is_linear = matches!(self.tissue, Tissue::Linear | Tissue::Auto);
         let (most, help) = match is_linear {
             true => (

@@ -415,11 +415,16 @@ impl Scene {
         }
     }
 
-    /// Checks that forces on the tissue move it by less than its size.
-    fn check_rest(&self, positions_m: &[[f64; 3]]) -> Result<(), SceneError> {
+    /// Farthest way of a node from the unloaded mesh to `positions_m` (n x 3) \[m\].
+    fn moved_m(&self, positions_m: &[[f64; 3]]) -> f64 {
         let ways = positions_m.iter().zip(self.mesh.points_m());
         let ways = ways.map(|(at, from)| Vector3::from(*at).metric_distance(&Vector3::from(*from)));
-        let (moved_m, size_m) = (ways.fold(0.0, f64::max), units::size_m(&self.mesh));
+        ways.fold(0.0, f64::max)
+    }
+
+    /// Checks that forces on the tissue move it by less than its size.
+    fn check_rest(&self, positions_m: &[[f64; 3]]) -> Result<(), SceneError> {
+        let (moved_m, size_m) = (self.moved_m(positions_m), units::size_m(&self.mesh));
         if moved_m <= size_m || !self.loads.handles.is_empty() {
             return Ok(());
         }

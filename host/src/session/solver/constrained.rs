@@ -45,7 +45,7 @@ impl Constrained {
     /// A scene's tissue before its tools come.
     pub fn new(scene: &Scene) -> Result<Self, SceneError> {
         let (model, state, work) = scene.build()?;
-        if let Some(words) = scene.sags(&model) {
+        if let Some(words) = scene.sags(&state.positions(&model)) {
             tracing::warn!("{words}");
         }
         let wound = Wound::new(scene, &model);
