@@ -833,6 +833,22 @@ impl Model {
         self.surface.contains(&self.resting_m, (*point).into())
     }
 
+    /// Whether a place outside of the tissue at rest is behind what is held, which is a wall. A held face is between it and the `last`
+    /// place that was not, and tissue between it and the one that was `clear`, if there was any.
+    pub(crate) fn is_behind_wall(
+        &self,
+        last: &Vector3<f64>,
+        clear: Option<&Vector3<f64>>,
+        place: &Vector3<f64>,
+    ) -> bool {
+        let at = |node: u32| Vector3::from(self.resting_m[node as usize]);
+        let is_held = |triangle: [u32; 3]| triangle.iter().all(|node| self.is_fixed(*node));
+        clear.is_some_and(|clear| {
+            self.surface.crossed(at, last, place).any(is_held)
+                && self.surface.crossed(at, clear, place).next().is_some()
+        })
+    }
+
     /// Whether a point is behind the tangent plane of the boundary node that rests nearest to it.
     pub(crate) fn is_behind_nearest(&self, point: &Vector3<f64>) -> bool {
         let nodes = self.boundary_m.iter().zip(&self.boundary_normal);

@@ -71,6 +71,28 @@ impl Surface {
         }
         half_angle > std::f64::consts::PI
     }
+
+    /// Triangles that the straight way between two points goes through, edges included, with nodes `at` some places \[m\], (3).
+    pub fn crossed<'a>(
+        &'a self,
+        at: impl Fn(u32) -> Vector3<f64> + 'a,
+        from: &Vector3<f64>,
+        to: &Vector3<f64>,
+    ) -> impl Iterator<Item = [u32; 3]> + 'a {
+        let (from, way) = (*from, to - from);
+        let each = self.triangles.iter().copied();
+        each.filter(move |triangle| is_crossed(triangle.map(|node| at(node) - from), &way))
+    }
+}
+
+/// Whether the way from the origin goes through a triangle.
+fn is_crossed([a, b, c]: [Vector3<f64>; 3], way: &Vector3<f64>) -> bool {
+    // On one side of the way's line are all edges, and the ends of the way on either side of the plane.
+    let sides = [(a, b), (b, c), (c, a)].map(|(p, q)| way.dot(&p.cross(&q)));
+    let is_around = sides.iter().all(|side| *side >= 0.0) || sides.iter().all(|side| *side <= 0.0);
+    let normal = (b - a).cross(&(c - a));
+    let (first, last) = (normal.dot(&a), normal.dot(&(a - way)));
+    is_around && first != last && first * last <= 0.0
 }
 
 /// Half of the solid angle of a triangle seen from the origin, above zero where it sees its corners clockwise: from inside.
@@ -104,6 +126,28 @@ mod tests {
         }
         assert!((flux - 3.0 * size.iter().product::<f64>()).abs() < 1e-15);
         assert!(area.norm() < 1e-16);
+    }
+
+    #[test]
+    fn a_way_crosses_the_faces_between_its_ends() {
+        let mesh = slab([0.2, 0.2, 0.1], [4, 4, 2]).expect("a slab");
+        let surface = mesh.surface();
+        let count = |from: [f64; 3], to: [f64; 3]| {
+            let at = |node: u32| Vector3::from(mesh.points_m()[node as usize]);
+            surface.crossed(at, &from.into(), &to.into()).count()
+        };
+        let (above, inside, below) = (0.03, -0.04, -0.13);
+        let at = |z: f64| [0.0123, -0.0311, z];
+        assert_eq!(count(at(above), at(below)), 2);
+        assert_eq!(count(at(above), at(inside)), 1);
+        assert_eq!(count(at(inside), at(below)), 1);
+        assert_eq!(count(at(above), at(2.0 * above)), 0);
+        assert_eq!(count(at(-0.03), at(inside)), 0);
+        // Through a node and through an edge it does not slip between them.
+        assert!(count([0.0, 0.0, above], [0.0, 0.0, inside]) > 1);
+        assert!(count([0.0, 0.01, above], [0.0, 0.01, inside]) > 0);
+        // Beside it.
+        assert_eq!(count([0.3, 0.0, above], [0.3, 0.0, below]), 0);
     }
 
     #[test]

@@ -19,7 +19,6 @@ use crate::jaws::between;
 use crate::model::Model;
 use crate::source::tool::{Placements, Slipped};
 use crate::tool::{MAX_TOOLS, ToolSample};
-use nalgebra::Vector3;
 
 /// Follows the tools from where they were to where `samples` says, balances the tissue, and reduces
 /// the balance to one contact per sample. A tool that is not sampled is lifted off.
@@ -158,9 +157,8 @@ impl Step<'_> {
         self.work.rows.clear();
         let mut moment = Moment::of(self.state, samples);
         let targets = Targets::read(sources, self.state, samples, placements, moment.fall_s());
-        let contains = |at: &Vector3<f64>| model.contains(at);
         let tools = &mut self.state.tools;
-        if !tools.bring_in(&sources.tools, &targets.tools, contains) {
+        if !tools.bring_in(model, &sources.tools, &targets.tools) {
             return Status::Inside;
         }
         self.take_over_tissue();
@@ -174,8 +172,12 @@ impl Step<'_> {
         }
         self.end_way(status, &moment);
         match self.work.balance.tools.slipped {
-            Some(Slipped::Tool(tool)) if status == Status::Inside => self.state.tools.forget(tool),
-            Some(Slipped::Body(body)) if status == Status::Inside => self.state.forget_body(body),
+            Some(Slipped::Tool(tool)) if status == Status::Inside => {
+                self.state.tools.forget(&sources.tools, tool);
+            }
+            Some(Slipped::Body(body)) if status == Status::Inside => {
+                self.state.forget_body(sources, body);
+            }
             _ => {}
         }
         self.count_rows();

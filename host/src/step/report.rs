@@ -37,7 +37,8 @@ pub enum Status {
     /// More vertices touched than a step has room for; as `NotConverged`.
     TooManyRows,
     /// A tool has slipped into the tissue: that has closed over it, pulls it in or pushes it out less the deeper it goes. Or no way
-    /// in from outside is found for one that appears inside. The tissue is as before, the tool begins anew outside.
+    /// in from outside is found for one that appears inside. The tissue is as before, the tool begins anew once it is outside, on a side
+    /// where it can have come from: nodes that are held are a wall.
     Inside,
 }
 

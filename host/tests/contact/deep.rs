@@ -292,3 +292,82 @@ fn contact_from_the_side_and_along_is_no_slip() {
         assert!(touched > 40, "{number}: {touched}");
     }
 }
+
+/// Goes there in as many steps as that takes.
+fn go(solver: &mut SceneSolver, position_m: [f64; 3]) -> StepReport {
+    let mut report = step_to(solver, position_m, 0.0);
+    for _ in 0..100 {
+        match report.status {
+            Status::Waiting | Status::Behind => report = step_to(solver, position_m, 0.0),
+            _ => break,
+        }
+    }
+    report
+}
+
+/// A ball through a slab and the floor that it is glued to, slowly and at once: inside as long as it has not come back, for held nodes are
+/// a wall. Taken out on top it is felt again.
+#[test]
+fn a_ball_behind_the_floor_is_inside_until_it_is_taken_out() {
+    let [x, y] = [0.02, 0.01];
+    let behind = [-0.0306, -0.0336, -0.036, -0.0385, -0.046, -0.08];
+    for law in ["linear", "corotational", "hyperelastic"] {
+        for friction in [0.0, 0.1] {
+            let tool = format!("radius_m = {RADIUS}\nfriction = {friction}");
+            let scene = scene(law, &tool, [10, 10, 4]);
+            let what = format!("{law}, friction {friction}");
+            let mut solver = SceneSolver::new(&scene).expect("a solver");
+            for part in 0..=30_u32 {
+                go(&mut solver, [x, y, 0.016 - 1.5e-3 * f64::from(part)]);
+            }
+            for z in behind {
+                let report = go(&mut solver, [x, y, z]);
+                assert_eq!(report.status, Status::Inside, "{what}, at {z}");
+                let mut at_once = SceneSolver::new(&scene).expect("a solver");
+                go(&mut at_once, [x, y, 0.02]);
+                go(&mut at_once, [x, y, z]);
+                let report = go(&mut at_once, [x, y, z]);
+                // Of tissue that is not linear no way may be found through all of it.
+                let is_said = report.status == Status::Inside
+                    || (report.status == Status::NotConverged && law != "linear");
+                assert!(is_said, "{what}, at once to {z}: {:?}", report.status);
+            }
+            // Up through the slab, as a hand does whose motors are off, and pressed in again.
+            let half_way = go(&mut solver, [x, y, 0.007]);
+            assert_eq!(half_way.status, Status::Inside, "{what}");
+            go(&mut solver, [x, y, 0.03]);
+            let out = go(&mut solver, [x, y, 0.03]);
+            assert_eq!((out.status, out.rows), (Status::Ok, 0), "{what}");
+            let again = go(&mut solver, [x, y, 0.01]);
+            assert_eq!(again.status, Status::Ok, "{what}");
+            assert!(again.contacts()[0].wrench[2] > 0.1, "{what}");
+        }
+    }
+}
+
+/// Out of the side of a slab, which is free, and around it from behind the floor.
+#[test]
+fn a_ball_that_comes_out_of_a_free_side_is_felt_again() {
+    let scene = scene("linear", "radius_m = 0.014", [10, 10, 4]);
+    for (way, is_out) in [
+        (&[[0.06, 0.0, -0.02]][..], [true].as_slice()),
+        (
+            &[[0.0, 0.0, -0.05], [0.06, 0.0, -0.05], [0.06, 0.0, -0.01]],
+            &[false, false, true],
+        ),
+    ] {
+        let mut solver = SceneSolver::new(&scene).expect("a solver");
+        let mut last = Status::Ok;
+        for part in 0..=20_u32 {
+            let z = 0.016 - 1.8e-3 * f64::from(part);
+            last = go(&mut solver, [0.0017, 0.0011, z]).status;
+        }
+        assert_eq!(last, Status::Inside);
+        for (place, is_out) in way.iter().zip(is_out) {
+            let expected = if *is_out { Status::Ok } else { Status::Inside };
+            assert_eq!(go(&mut solver, *place).status, expected, "{place:?}");
+        }
+        let pressed = go(&mut solver, [0.051, 0.0, -0.012]);
+        assert!(pressed.contacts()[0].wrench[0] > 0.0);
+    }
+}

@@ -90,7 +90,8 @@ impl PageAttendant {
             return Err(("the console has said nothing yet".to_owned(), "wait for it"));
         };
         let now_s = since.elapsed().as_secs_f64();
-        let Some((script, way_s)) = out.way(guide, now_s, &grip)? else {
+        let from = (&grip, self.telemetry.withheld());
+        let Some((script, way_s)) = out.way(guide, now_s, from)? else {
             return Ok(false);
         };
         self.orders

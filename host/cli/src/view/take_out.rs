@@ -3,6 +3,7 @@
 //! Entry point: [`TakeOut::way`]: the console is disarmed, its hand follows ways until the tool is clear, and it is armed again.
 
 use super::guide::Guide;
+use super::telemetry::Withheld;
 use nalgebra::Vector3;
 use sutura_host::scene::{Pose, Scene, joints_at};
 use sutura_host::session::{Plan, SceneSolver, WayOut};
@@ -44,7 +45,8 @@ impl TakeOut {
         })
     }
 
-    /// Returns the hand's targets for a grip at a pose, and their duration \[s\]; none if the tool is clear already.
+    /// Returns the hand's targets for a grip at a pose, and their duration \[s\]; none if the tool is clear already. A tool that
+    /// is clear while the solver has `withheld` its force is behind what is held: it goes back to where it was clear last.
     ///
     /// # Errors
     /// There is no way, or the console does not reach to its end.
@@ -52,16 +54,19 @@ impl TakeOut {
         &self,
         guide: &mut Guide,
         now_s: f64,
-        grip: &Pose,
+        (grip, withheld): (&Pose, Option<Withheld>),
     ) -> Result<Option<(HandScript, f64)>, NoWay> {
         let help = "`Start again` begins with the tool outside";
-        let out = self.ways.from(grip).ok_or_else(|| {
-            (
-                "there is no way out of the tissue from here".to_owned(),
-                help,
-            )
-        })?;
-        let out = Vector3::from(out);
+        let no_way = || {
+            let message = "there is no way out of the tissue from here";
+            (message.to_owned(), help)
+        };
+        let mut out = Vector3::from(self.ways.from(grip).ok_or_else(no_way)?);
+        if out == Vector3::zeros()
+            && let Some(Withheld { clear_m }) = withheld
+        {
+            out = Vector3::from(clear_m.ok_or_else(no_way)?) - Vector3::from(grip.position_m);
+        }
         let Some(normal) = out.try_normalize(0.0) else {
             return Ok(None);
         };

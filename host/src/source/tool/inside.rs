@@ -8,6 +8,7 @@
 //! tool in. Vertex by vertex it is the same for one piece of tissue and for several, and no way of the tool is in it.
 
 use super::{Contact, Placements, ToolContacts, TouchingTools};
+use crate::contact::shape::Solid;
 use crate::model::Model;
 use crate::step::Balance;
 use crate::thread::Obstacle;
@@ -69,6 +70,15 @@ pub(crate) enum Slipped {
     /// By its place among the tools that touch.
     Tool(u32),
     Body(Obstacle),
+}
+
+/// Place of a tool that tissue has slipped around.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Sunk {
+    /// Before the step in which that happened, or where a core of it was in the tissue last \[m\], (3).
+    last: Vector3<f64>,
+    /// Whether a core of it has been in the tissue since.
+    is_deep: bool,
 }
 
 /// Largest force on a tool on its way in, and its place.
@@ -211,11 +221,58 @@ impl ToolContacts {
     }
 
     /// Forgets a tool that tissue has slipped around: it starts afresh outside.
-    pub fn forget(&mut self, tool: u32) {
-        self.slipped[tool as usize] = true;
-        self.placements[tool as usize] = None;
-        self.hardest[tool as usize] = None;
+    pub fn forget(&mut self, tools: &TouchingTools, tool: u32) {
+        let place = tool as usize;
+        let from = self.placements[place].take();
+        self.slipped[place] = from.map(|at| Sunk {
+            last: tools.solid(place, &at).middle(),
+            is_deep: false,
+        });
+        self.hardest[place] = None;
         self.contacts.retain(|contact| contact.tool != tool);
+    }
+
+    /// Whether a tool at a place has left the tissue that had slipped around it, if any had. It has once no core is in the tissue at
+    /// rest, nor any part of it if a core has been, and the place is not [behind a wall](Model::is_behind_wall).
+    pub(super) fn has_left(
+        &mut self,
+        model: &Model,
+        tools: &TouchingTools,
+        tool: usize,
+        solid: &Solid,
+    ) -> bool {
+        let Some(Sunk { last, is_deep }) = self.slipped[tool] else {
+            return true;
+        };
+        if let Some(core) = solid.cores().into_iter().find(|core| model.contains(core)) {
+            self.slipped[tool] = Some(Sunk {
+                last: core,
+                is_deep: true,
+            });
+            return false;
+        }
+        let is_in = || {
+            let near = tools.nearest_at_rest(solid);
+            near.is_some_and(|near| near.gap_m < 0.0)
+        };
+        if (is_deep && is_in())
+            || model.is_behind_wall(&last, self.clear[tool].as_ref(), &solid.middle())
+        {
+            return false;
+        }
+        self.slipped[tool] = None;
+        true
+    }
+
+    /// Updates the places where tools are clear of the tissue, at the end of a way where none is inside.
+    fn note_clear(&mut self, tools: &TouchingTools) {
+        for tool in 0..tools.each.len() {
+            if let Some(at) = &self.placements[tool]
+                && self.count(tool as u32) == 0
+            {
+                self.clear[tool] = Some(tools.solid(tool, at).middle());
+            }
+        }
     }
 
     /// Whether the straight ways of all tools to `targets` lead out of the tissue: each goes where its contacts push it, and
@@ -268,6 +325,9 @@ impl Balance<'_> {
         let found = found.map(Slipped::Tool);
         let found = found.or_else(|| self.sunk_in(model, ends).map(Slipped::Body));
         self.work.tools.slipped = found;
+        if ends && found.is_none() {
+            self.state.tools.note_clear(&self.sources.tools);
+        }
         found
     }
 

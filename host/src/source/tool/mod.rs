@@ -17,6 +17,7 @@ mod tangent;
 mod turning;
 
 pub(crate) use cones::{ALIKE_M, Cones, in_units};
+use inside::Sunk;
 pub(crate) use inside::{Hardest, Slipped};
 pub(crate) use load::Load;
 pub(crate) use reach::NEAR;
@@ -164,9 +165,12 @@ pub(crate) struct ToolContacts {
     /// Largest force on each tool on its way in, and its place.
     #[serde(skip)]
     hardest: [Option<Hardest>; MAX_TOOLS],
-    /// Whether tissue has slipped around each tool, which has not left it since.
+    /// Place of each tool that tissue has slipped around, and that has not left it since.
     #[serde(skip)]
-    slipped: [bool; MAX_TOOLS],
+    slipped: [Option<Sunk>; MAX_TOOLS],
+    /// Middle of each tool at the last place that was clear of the tissue \[m\], (3).
+    #[serde(skip)]
+    clear: [Option<Vector3<f64>>; MAX_TOOLS],
 }
 
 impl TouchingTools {
@@ -303,7 +307,8 @@ impl ToolContacts {
             slack_m: vec![0.0; tools.groups],
             friction_j: 0.0,
             hardest: [None; MAX_TOOLS],
-            slipped: [false; MAX_TOOLS],
+            slipped: [None; MAX_TOOLS],
+            clear: [None; MAX_TOOLS],
         }
     }
 
@@ -353,6 +358,7 @@ impl ToolContacts {
         self.friction_j = other.friction_j;
         self.hardest = other.hardest;
         self.slipped = other.slipped;
+        self.clear = other.clear;
     }
 
     /// Puts the tools where they shall be; one that goes nowhere lets go.

@@ -5,6 +5,7 @@ use crate::boxes::Bounds;
 use crate::contact::entry::{Nearest, way_in};
 use crate::contact::shape::Solid;
 use crate::marks::Marks;
+use crate::model::Model;
 use crate::tool::Placement;
 use nalgebra::Vector3;
 
@@ -142,25 +143,23 @@ impl ToolContacts {
     }
 
     /// Brings tools that were nowhere before to where their ways to `targets` begin: outside tissue at rest. Whether there
-    /// is such a place for all of them. A tool that tissue has slipped around has none before its cores are outside.
-    pub fn bring_in(
-        &mut self,
-        tools: &TouchingTools,
-        targets: &Placements,
-        contains: impl Fn(&Vector3<f64>) -> bool,
-    ) -> bool {
+    /// is such a place for all of them. A tool that tissue has slipped around has none before it [has left](Self::has_left).
+    pub fn bring_in(&mut self, model: &Model, tools: &TouchingTools, targets: &Placements) -> bool {
+        let contains = |at: &Vector3<f64>| model.contains(at);
         for (tool, target) in targets.iter().enumerate().take(tools.each.len()) {
             let (Some(target), None) = (target, self.placements[tool]) else {
                 continue;
             };
             let solid = tools.solid(tool, target);
-            if self.slipped[tool] && solid.cores().iter().any(&contains) {
+            if !self.has_left(model, tools, tool, &solid) {
                 return false;
             }
-            self.slipped[tool] = false;
-            let Some(out) = way_in(&solid, |solid| tools.nearest_at_rest(solid), &contains) else {
+            let Some(out) = way_in(&solid, |solid| tools.nearest_at_rest(solid), contains) else {
                 return false;
             };
+            // From where a tool came that begins in the tissue nobody knows.
+            let is_outside = !solid.cores().iter().any(contains);
+            self.clear[tool] = is_outside.then(|| solid.middle() + out);
             self.hardest[tool] = None;
             self.placements[tool] = Some(Placement {
                 centre: target.centre + out,
