@@ -42,6 +42,33 @@ fn what_is_there_is_kept_unless_asked() {
     assert!(written.contains("displacement_m"));
 }
 
+/// A file in a folder that is not there is refused before any work, whenever it would be written; so is a link that leads nowhere, which
+/// would be replaced.
+#[cfg(unix)]
+#[test]
+fn a_file_that_cannot_be_made_is_refused_before_the_work() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = folder.path();
+    let scene = root().join("scenes/cube-handle.toml").display().to_string();
+    std::os::unix::fs::symlink("nowhere", at.join("dangling")).expect("a link");
+    for (to, words) in [
+        ("none/a", "cannot write none/a"),
+        ("dangling", "dangling is there already"),
+    ] {
+        for line in [
+            &["solve", &scene, "--out", to][..],
+            &["view", &scene, "--shot", to],
+            &[&SESSION[..], &["--record", to]].concat(),
+            &[&SESSION[..], &["--save-last", to]].concat(),
+        ] {
+            let ran = sutura_in(at, line);
+            assert_eq!(ran.code, 2, "{line:?}: {}", ran.stderr);
+            assert!(ran.stderr.contains(words), "{line:?}: {}", ran.stderr);
+        }
+    }
+    assert!(at.join("dangling").is_symlink());
+}
+
 /// Hours of work are not begun for a folder that could not be written, or that has something in it.
 #[test]
 fn a_folder_is_made_before_the_work() {

@@ -1,6 +1,6 @@
 //! Texts of users: bytes that are none, and what would steer a terminal or never ends.
 //!
-//! Entry points: [`utf8`] for files that come, [`escaped`] for results that go, [`harmless`] for messages.
+//! Entry points: [`utf8`] for files that come, [`escaped`] and [`one_line`] for results that go, [`harmless`] for messages.
 
 use thiserror::Error;
 
@@ -56,6 +56,11 @@ pub fn utf8(bytes: Vec<u8>) -> Result<String, NotText> {
 /// the order of others around are written out. Ends of lines and tabs stay.
 pub fn escaped(text: &str) -> String {
     with_steering(text, |letter, shown| shown.extend(letter.escape_default()))
+}
+
+/// Escapes as [`escaped`] does, and ends of lines as well: a name or a path ends no line of a result.
+pub fn one_line(text: &str) -> String {
+    escaped(text).replace('\n', "\\n")
 }
 
 /// Escapes a text in JSON: the same letters become JSON escapes, and the values stay the same.
@@ -130,6 +135,7 @@ mod tests {
         );
         let csi = "a\u{9b}2J\u{7f}\tb\n";
         assert_eq!(escaped(csi), "a\\u{9b}2J\\u{7f}\tb\n");
+        assert_eq!(one_line("a\nb\t\u{85}c"), "a\\nb\t\\u{85}c");
         assert_eq!(escaped_json("\"\u{9b}\u{7f}\""), r#""\u009b\u007f""#);
         assert_eq!(escaped(&"x".repeat(5000)).len(), 5000);
         // The name of a file that seems to end in `.txt`, and lines that end where none should.

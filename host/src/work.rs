@@ -23,7 +23,7 @@ thread_local! {
 }
 
 /// Has long work on this thread end with an error at its next stage, piece or pass once `stop` is set; none: it goes on to its end.
-/// A factorisation is one piece.
+/// A solver step ends without a balance, at its next iteration. A factorisation is one piece.
 pub fn stop_with(stop: Option<Arc<AtomicBool>>) {
     STOP.set(stop);
 }
@@ -51,8 +51,10 @@ pub(crate) fn part(done: usize, of: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Document, Scene, read};
+    use crate::scene::{Document, Pose, Scene, read};
+    use crate::script::at_rest;
     use crate::session::SceneSolver;
+    use crate::step::{Status, StepOptions, step};
 
     fn slab(model: &str) -> Scene {
         let text = format!(
@@ -73,6 +75,34 @@ mod tests {
             "#
         );
         read(&Document::embedded("slab.toml", "".as_ref(), &text)).expect("a good scene")
+    }
+
+    /// A step is given up where it is told to, and when it has taken too much; the next one goes on from before.
+    #[test]
+    fn a_step_ends_where_it_is_stopped_or_takes_too_much() {
+        let scene = slab("linear");
+        let (model, mut state, mut work) = scene.build().expect("a model");
+        let pose = Pose {
+            position_m: [0.0, 0.0, 0.013],
+            orientation: [0.0, 0.0, 0.0, 1.0],
+        };
+        let sample = at_rest(scene.tools[0].id, &pose);
+        let mut take =
+            |options: &StepOptions| step(&model, &mut state, &[sample], options, &mut work).status;
+        let all = StepOptions::default();
+        stop_with(Some(Arc::new(AtomicBool::new(true))));
+        let stopped = take(&all);
+        stop_with(None);
+        assert_eq!(stopped, Status::NotConverged);
+        let spent = StepOptions {
+            most_effort: Some(-1.0),
+            ..all
+        };
+        assert_eq!(take(&spent), Status::NotConverged);
+        let found = (0..10)
+            .map(|_| take(&all))
+            .find(|found| *found == Status::Ok);
+        assert!(found.is_some());
     }
 
     /// A flag that is set ends the building of a solver with an error, on this thread alone; without it the same is built.

@@ -176,7 +176,7 @@ impl LinkError {
             }
             _ if self.is_of_virtual() => VIRTUAL_HELP.to_owned(),
             LinkError::NoPort { .. } => {
-                "plug the console in and name one of its ports, or use `--console virtual`".to_owned()
+                "plug the console in and name one of its ports; `sutura run --console virtual` and `sutura doctor virtual` need none".to_owned()
             }
             LinkError::Permission { name } => format!(
                 "let your user open serial ports (Linux: `sudo usermod -aG dialout $USER`, then log in again), or check `ls -l {name}`"
@@ -185,7 +185,7 @@ impl LinkError {
                 "close the other program (`fuser {name}` names it); ModemManager lets go of a new port after about 10 s"
             ),
             LinkError::Busy { .. } => "close that program, or name another port".to_owned(),
-            LinkError::Open { .. } => "name a serial port or a pseudo-terminal, or use `--console virtual`".to_owned(),
+            LinkError::Open { .. } => "name a serial port or a pseudo-terminal; `sutura run --console virtual` and `sutura doctor virtual` need none".to_owned(),
             LinkError::NoAnswer { .. } => {
                 "check that this port is a Sutura console, that it has power and that its firmware runs; press its reset and try again".to_owned()
             }

@@ -5,7 +5,7 @@
 use super::sent::SentContact;
 use sutura_shared::link::{HostLink, SendError};
 use sutura_shared::wire::message::{Command, Contact, Fixture, Needle, Rows, Simulate, Thread};
-use sutura_shared::wire::{MAX_FRAME, Message};
+use sutura_shared::wire::{MAX_FRAME, Message, Reject};
 
 /// What a console can be told, apart from contacts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,6 +49,18 @@ pub fn append<M: Message>(
 }
 
 impl Felt {
+    /// Checks contact, needle and thread as the console will; rows are checked as they are written.
+    ///
+    /// # Errors
+    /// Numbers that are not finite or out of range.
+    pub fn check(&self) -> Result<(), Reject> {
+        self.contact.check()?;
+        if let Some(thread) = &self.thread {
+            thread.check()?;
+        }
+        self.needle.as_ref().map_or(Ok(()), Needle::check)
+    }
+
     /// Writes rows, needle, thread and contact behind what is there, or none of them: what the console would refuse takes no
     /// number in the sequence, so that it does not miss it.
     ///
@@ -67,13 +79,7 @@ impl Felt {
             thread,
         } = self;
         // Before another frame takes its number in the sequence; rows are the first.
-        contact.check().map_err(SendError::Invalid)?;
-        if let Some(thread) = thread {
-            thread.check().map_err(SendError::Invalid)?;
-        }
-        if let Some(needle) = needle {
-            needle.check().map_err(SendError::Invalid)?;
-        }
+        self.check().map_err(SendError::Invalid)?;
         if let Some(rows) = rows {
             append(end, console_time_us, rows, frames)?;
         }

@@ -203,6 +203,10 @@ fn open_unix(
 fn explain(path: &str, error: &serialport::Error) -> LinkError {
     use serialport::ErrorKind as Kind;
     let name = path.to_owned();
+    if let Some(what) = no_terminal(path, &error.description) {
+        let reason = format!("it is {what}, and no terminal");
+        return LinkError::Open { name, reason };
+    }
     match error.kind() {
         Kind::Io(io::ErrorKind::NotFound) => LinkError::NoPort {
             name,
@@ -222,6 +226,32 @@ fn explain(path: &str, error: &serialport::Error) -> LinkError {
             name,
             reason: error.description.clone(),
         },
+    }
+}
+
+/// Names what stands at a path and is no terminal; none for one, and where nothing stands.
+fn no_terminal(path: &str, said: &str) -> Option<&'static str> {
+    let of = std::fs::metadata(path).ok()?.file_type();
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::FileTypeExt as _;
+        if of.is_fifo() || of.is_socket() {
+            return Some("a pipe");
+        }
+        // ENOTTY, as C libraries say it.
+        let is_none = ["typewriter", "ioctl", "Not a tty"]
+            .iter()
+            .any(|words| said.contains(words));
+        if of.is_char_device() && is_none {
+            return Some("a device");
+        }
+    }
+    #[cfg(not(unix))]
+    let _ = said;
+    match (of.is_dir(), of.is_file()) {
+        (true, _) => Some("a folder"),
+        (_, true) => Some("a file"),
+        _ => None,
     }
 }
 

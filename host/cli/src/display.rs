@@ -9,10 +9,11 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use std::fmt::{Arguments, Write as _};
 use std::io::{self, IsTerminal, Write as _};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use sutura_host::session::{GivenUp, LimitedTicks, Progress, SafeStop, Summary, mode_word};
-use sutura_host::text::{escaped, escaped_json};
+use sutura_host::text::{escaped, escaped_json, one_line};
 
 /// Lines that are kept while the terminal is drawn on: those that are new, and all that have not been printed.
 static HELD: Mutex<Option<[Vec<String>; 2]>> = Mutex::new(None);
@@ -23,9 +24,9 @@ fn held() -> MutexGuard<'static, Option<[Vec<String>; 2]>> {
     HELD.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A line on stderr, if anybody reads it; kept where the terminal is drawn on. Foreign text in it steers no terminal.
+/// A line on stderr, if anybody reads it; kept where the terminal is drawn on. Foreign text in it steers no terminal and ends no line.
 pub fn note(text: Arguments<'_>) {
-    let text = escaped(&text.to_string());
+    let text = one_line(&text.to_string());
     if let Some([new, all]) = held().as_mut() {
         if all.len() < MOST_HELD {
             new.push(text.clone());
@@ -79,16 +80,21 @@ impl io::Write for Log {
     }
 }
 
-/// A text that steers a terminal by nothing but colours.
+/// A line that steers a terminal by nothing but colours, with its end.
 fn with_colours(text: &str) -> String {
+    let (text, end) = match text.strip_suffix('\n') {
+        Some(text) => (text, "\n"),
+        None => (text, ""),
+    };
     let mut parts = text.split('\x1b');
-    let first = escaped(parts.next().unwrap_or_default());
-    parts.fold(first, |text, part| {
+    let first = one_line(parts.next().unwrap_or_default());
+    let shown = parts.fold(first, |text, part| {
         let rest = part.trim_start_matches(|c: char| c.is_ascii_digit() || "[;".contains(c));
         let is_colour = part.starts_with('[') && rest.starts_with('m');
         let mark = if is_colour { "\x1b" } else { "\\u{1b}" };
-        text + mark + &escaped(part)
-    })
+        text + mark + &one_line(part)
+    });
+    shown + end
 }
 
 /// A text without what makes terminals colour it.
@@ -105,16 +111,21 @@ fn without_colours(text: &str) -> String {
 pub fn tell(text: &str, format: Format) -> bool {
     let text = match format {
         Format::Json => escaped_json(text),
-        Format::Text => escaped(text),
+        Format::Text => one_line(text),
     };
     let mut out = io::stdout();
     writeln!(out, "{text}").and_then(|()| out.flush()).is_ok()
 }
 
-/// A line on stdout, in which foreign text steers no terminal. That nobody reads it is not a failure; a full disk ends the
-/// command with code 1.
+/// A line on stdout, in which foreign text steers no terminal and ends no line. That nobody reads it is not a failure; a full disk ends
+/// the command with code 1.
 pub fn say(text: Arguments<'_>) {
-    line(&escaped(&text.to_string()));
+    line(&one_line(&text.to_string()));
+}
+
+/// Lines on stdout, as [`say`] prints one. Foreign text in them has gone through [`one_line`].
+pub fn lines(text: &str) {
+    line(&escaped(text));
 }
 
 fn line(text: &str) {
@@ -140,27 +151,131 @@ pub fn progress(length: usize) -> ProgressBar {
 pub struct Display {
     bar: Option<ProgressBar>,
     stream: bool,
-    /// Beginning of the session and last line about it, where stderr is no terminal.
-    log: Option<(Instant, Instant)>,
+    /// Tells how far it is, where stderr is no terminal.
+    teller: Option<Teller>,
+}
+
+/// Pace of a session.
+#[derive(Debug)]
+struct Pace {
+    began: Instant,
+    /// Newest note, and last line.
+    heard: Instant,
+    said: Instant,
+    elapsed_s: f64,
+    seconds: f64,
+}
+
+impl Pace {
+    /// Returns the line that is due, if any, and how long it is until another may be.
+    fn tell(&mut self, now: Instant) -> (Option<String>, Duration) {
+        let silent = now.saturating_duration_since(self.said);
+        if silent < SILENT {
+            return (None, SILENT - silent);
+        }
+        self.said = now;
+        let so_far_s = now.saturating_duration_since(self.began).as_secs_f64();
+        let step = now.saturating_duration_since(self.heard);
+        let Self {
+            elapsed_s, seconds, ..
+        } = self;
+        // One in real time ends when it is to end.
+        let is_by_its_own_time = *elapsed_s < 0.5 * so_far_s || *elapsed_s > 2.0 * so_far_s;
+        let line = is_by_its_own_time.then(|| {
+            let step = match step > LONG_STEP {
+                true => format!(", {:.0} s of them in one place", step.as_secs_f64()),
+                false => String::new(),
+            };
+            format!("{elapsed_s:.1} of {seconds:.1} s after {so_far_s:.0} s{step} ..")
+        });
+        (line, SILENT)
+    }
+}
+
+/// Thread that tells the pace of a session while that is at work, in the midst of a step, too.
+struct Teller {
+    pace: Arc<(Mutex<Option<Pace>>, Condvar)>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Teller {
+    fn start(seconds: f64) -> Self {
+        let now = Instant::now();
+        let pace = Pace {
+            began: now,
+            heard: now,
+            said: now,
+            elapsed_s: 0.0,
+            seconds,
+        };
+        let pace = Arc::new((Mutex::new(Some(pace)), Condvar::new()));
+        let shared = pace.clone();
+        let tell = move || {
+            let (pace, ended) = &*shared;
+            let mut guard = pace.lock().unwrap_or_else(PoisonError::into_inner);
+            while let Some(pace) = guard.as_mut() {
+                let (line, wait) = pace.tell(Instant::now());
+                if let Some(line) = line {
+                    note!("{line}");
+                }
+                let waited = ended.wait_timeout(guard, wait);
+                guard = waited.unwrap_or_else(PoisonError::into_inner).0;
+            }
+        };
+        let thread = std::thread::Builder::new().name("sutura-pace".to_owned());
+        // Without it the session goes on in silence.
+        let thread = thread.spawn(tell).ok();
+        Self { pace, thread }
+    }
+
+    fn hear(&self, note: &Progress<'_>) {
+        let mut guard = self.pace.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(pace) = guard.as_mut() {
+            (pace.elapsed_s, pace.seconds) = (note.elapsed_s, note.seconds);
+            pace.heard = Instant::now();
+        }
+    }
+}
+
+impl Drop for Teller {
+    fn drop(&mut self) {
+        let (pace, ended) = &*self.pace;
+        *pace.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        ended.notify_all();
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
 }
 
 /// Steps of the bar per second of the session.
 const PER_SECOND: f64 = 1000.0;
 /// Time without a word after which somebody who reads a log wonders whether a session goes on.
 const SILENT: Duration = Duration::from_secs(10);
+/// Longer than this without a note, and it is a step that lasts.
+const LONG_STEP: Duration = Duration::from_secs(5);
 
 impl Display {
     /// A bar if stderr is a terminal, lines of JSON if `stream`.
-    /// Neither where `other` is shown in its place. Without them a session that is slow says every ten seconds how far it is.
-    pub fn new(stream: bool, format: Format, other: bool) -> Display {
+    /// Neither where `other` is shown in its place. Without them a session of `seconds` whose pace is not that of the clock says
+    /// every ten seconds how far it is.
+    pub fn new(stream: bool, format: Format, other: bool, seconds: f64) -> Display {
         let visible = !other && io::stderr().is_terminal() && !(stream && format == Format::Text);
         let style = ProgressStyle::with_template("{elapsed_precise} {bar:32} {msg}");
         let bar = visible.then(|| {
             ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
         });
-        let now = Instant::now();
-        let log = (bar.is_none() && !other && !stream).then_some((now, now));
-        Display { bar, stream, log }
+        if let Some(bar) = &bar {
+            // Its time goes on while a step lasts.
+            bar.enable_steady_tick(Duration::from_millis(500));
+        }
+        let is_silent = bar.is_none() && !other && !stream;
+        let teller = is_silent.then(|| Teller::start(seconds));
+        Display {
+            bar,
+            stream,
+            teller,
+        }
     }
 
     /// Shows one note.
@@ -186,19 +301,8 @@ impl Display {
                 note.elapsed_s, note.seconds
             ));
         }
-        if let Some((began, said)) = &mut self.log
-            && said.elapsed() > SILENT
-        {
-            // One in real time ends when it is to end.
-            if note.elapsed_s < 0.5 * began.elapsed().as_secs_f64() {
-                let so_far = began.elapsed().as_secs_f64();
-                note!(
-                    "{:.1} of {:.1} s after {so_far:.0} s ..",
-                    note.elapsed_s,
-                    note.seconds
-                );
-            }
-            *said = Instant::now();
+        if let Some(teller) = &self.teller {
+            teller.hear(note);
         }
         if self.stream {
             let age_us = state.contact_age_us;
@@ -218,6 +322,7 @@ impl Display {
 
     /// Takes the bar away.
     pub fn finish(&mut self) {
+        self.teller = None;
         if let Some(bar) = self.bar.take() {
             bar.finish_and_clear();
         }
@@ -260,7 +365,7 @@ pub fn table(summary: &Summary) -> String {
         .and_then(|name| name.as_str())
         .unwrap_or("scene");
     let mut row = |name: &str, text: String| {
-        let _ = writeln!(out, "  {name:<10} {text}");
+        let _ = writeln!(out, "  {name:<10} {}", one_line(&text));
     };
     row(
         "session",
@@ -445,10 +550,11 @@ pub fn table(summary: &Summary) -> String {
     } else {
         format!(", faults: {}", s.faults.join(", "))
     };
-    format!(
-        "{name} on {} ({}): {}, {}{faults}\n{out}",
+    let first = format!(
+        "{name} on {} ({}): {}, {}{faults}",
         s.console, s.device, s.status, s.mode
-    )
+    );
+    format!("{}\n{out}", one_line(&first))
 }
 
 /// How well the scene's wound is closed, if it has one.
@@ -605,6 +711,34 @@ fn withheld(summary: &Summary) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A step that lasts is told while it does, and so is a session of many hours; one in real time is not.
+    #[test]
+    fn a_session_by_its_own_time_says_how_far_it_is() {
+        let began = Instant::now();
+        let told = |elapsed_s: f64, heard_s: u64, now_s: u64| {
+            let at = |s: u64| began + Duration::from_secs(s);
+            let mut pace = Pace {
+                began,
+                heard: at(heard_s),
+                said: began,
+                elapsed_s,
+                seconds: 20.0,
+            };
+            let (line, wait) = pace.tell(at(now_s));
+            assert!(!wait.is_zero() && wait <= SILENT);
+            line
+        };
+        assert_eq!(told(0.7, 9, 9), None);
+        let line = |text: &str| Some(text.to_owned());
+        assert_eq!(told(0.7, 11, 12), line("0.7 of 20.0 s after 12 s .."));
+        assert_eq!(
+            told(0.7, 2, 12),
+            line("0.7 of 20.0 s after 12 s, 10 s of them in one place ..")
+        );
+        assert_eq!(told(300.0, 11, 11), line("300.0 of 20.0 s after 11 s .."));
+        assert_eq!(told(10.5, 11, 11), None);
+    }
 
     #[test]
     fn logs_have_colours_and_nothing_else_that_steers() {

@@ -4,8 +4,9 @@
 //! cause's code. The codes are a contract: add, never renumber.
 
 use miette::{Diagnostic, GraphicalReportHandler, GraphicalTheme, Report};
+use std::fmt;
 use std::io::IsTerminal;
-use sutura_host::text::harmless;
+use sutura_host::text::{harmless, one_line};
 
 /// What went wrong, as an exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -174,7 +175,7 @@ pub fn render(report: &Report) {
     let rendered = |handler: GraphicalReportHandler| {
         let handler = handler.without_cause_chain();
         let mut text = String::new();
-        match handler.render_report(&mut text, report.as_ref()) {
+        match handler.render_report(&mut text, &OneLine(report.as_ref())) {
             Ok(()) => text,
             Err(_) => format!("{report:?}\n"),
         }
@@ -189,6 +190,48 @@ pub fn render(report: &Report) {
     };
     // Whoever reads may have closed the pipe.
     let _ = std::io::Write::write_all(&mut std::io::stderr(), text.as_bytes());
+}
+
+/// Diagnostic whose message is one line, whatever names are in it.
+#[derive(Debug)]
+struct OneLine<'a>(&'a dyn Diagnostic);
+
+impl fmt::Display for OneLine<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let text = self.0.to_string();
+        match text.contains('\n') {
+            true => f.write_str(&one_line(&text)),
+            false => f.write_str(&text),
+        }
+    }
+}
+
+impl std::error::Error for OneLine<'_> {}
+
+impl Diagnostic for OneLine<'_> {
+    fn code<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
+        self.0.code()
+    }
+
+    fn severity(&self) -> Option<miette::Severity> {
+        self.0.severity()
+    }
+
+    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
+        self.0.help()
+    }
+
+    fn url<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
+        self.0.url()
+    }
+
+    fn source_code(&self) -> Option<&dyn miette::SourceCode> {
+        self.0.source_code()
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = miette::LabeledSpan> + '_>> {
+        self.0.labels()
+    }
 }
 
 /// A failure that has no type of its own.

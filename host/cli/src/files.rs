@@ -7,15 +7,17 @@ use crate::Global;
 use crate::failure::{Cause, Failure};
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
-use sutura_files::{is_same, lead_to_one, may_write, target};
+use sutura_files::{has_folder, is_same, lead_to_one, may_write, target};
 
-/// Whether a file may be written: it is not there, is empty, or `--overwrite` says so. A terminal or another such device is
+/// Whether a file may be written: its folder is there, and it is not there itself, is empty, or `--overwrite` says so. A terminal or another such device is
 /// written in any case.
 ///
 /// # Errors
 /// Bad input: it has something in it, or is a folder, a pipe or something else that is no file.
 pub fn free(path: &Path, global: &Global) -> Result<(), Failure> {
-    may_write(path).map_err(|error| unwritable(path, &error))?;
+    may_write(path)
+        .and_then(|()| has_folder(path))
+        .map_err(|error| unwritable(path, &error))?;
     if global.overwrite || !has_something(path) {
         return Ok(());
     }
@@ -24,10 +26,12 @@ pub fn free(path: &Path, global: &Global) -> Result<(), Failure> {
     Err(Failure::say(Cause::BadInput, message, help))
 }
 
-/// Whether there is a file with something in it.
+/// Whether there is a file with something in it, or a link that leads nowhere.
 pub fn has_something(path: &Path) -> bool {
-    let found = path.metadata();
-    found.is_ok_and(|found| found.is_file() && found.len() > 0)
+    match path.metadata() {
+        Ok(found) => found.is_file() && found.len() > 0,
+        Err(_) => path.is_symlink(),
+    }
 }
 
 /// Whether `out` is none of the files that are read, by whatever name or link. `--overwrite` changes nothing of that.

@@ -4,6 +4,7 @@
 
 use crate::failure::{Cause, Failure};
 use crate::run::RunArgs;
+use std::cell::Cell;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -23,6 +24,8 @@ pub struct Recording {
     /// Whether the user has named it.
     is_named: bool,
     last: Option<PathBuf>,
+    /// Why the last seconds could not be written when they were to be.
+    unsaved: Cell<Option<RecordingError>>,
     /// Set by SIGUSR1.
     asked: Arc<AtomicBool>,
 }
@@ -58,6 +61,7 @@ impl Recording {
             file,
             is_named: named.is_some(),
             last: args.save_last.clone(),
+            unsaved: Cell::new(None),
             asked,
         })
     }
@@ -92,19 +96,19 @@ impl Recording {
                 path.display(),
                 1e-6 * bytes as f64
             ),
-            Err(error) => note!("{error}"),
+            Err(error) => {
+                note!("{error}");
+                self.unsaved.set(Some(error));
+            }
         }
     }
 
     /// Ends the recording of a session that came out like this, and says what there is to say of it. A file that could not be
-    /// written takes nothing from the summary: its failure is beside it.
+    /// written takes nothing from the summary: its failure is beside it, and that of the last seconds'.
     ///
     /// # Errors
     /// The session's.
-    pub fn finish(
-        self,
-        session: Result<Summary, Failure>,
-    ) -> Result<(Summary, Result<(), Failure>), Failure> {
+    pub fn finish(self, session: Result<Summary, Failure>) -> Result<(Summary, Written), Failure> {
         let bad = match &session {
             Ok(summary) => summary.mode == "fault",
             Err(failure) => matches!(failure.cause, Cause::Fault | Cause::NoConsole),
@@ -112,11 +116,15 @@ impl Recording {
         if let Some(last) = self.last.as_deref().filter(|_| bad) {
             self.save(last);
         }
+        let saved = self
+            .unsaved
+            .take()
+            .map_or(Ok(()), |error| Err(failure(error)));
         let recorded = self.recorder.finish();
         let summary = session?;
         let recorded = match recorded {
             Ok(recorded) => recorded,
-            Err(error) => return Ok((summary, Err(failure(error)))),
+            Err(error) => return Ok((summary, [Err(failure(error)), saved])),
         };
         if let Some(file) = self.file.as_ref().filter(|_| self.is_named) {
             note!(
@@ -136,9 +144,12 @@ impl Recording {
                 lost.solves
             );
         }
-        Ok((summary, Ok(())))
+        Ok((summary, [Ok(()), saved]))
     }
 }
+
+/// Whether all of the session was written, and its last seconds, as far as they were asked for.
+pub type Written = [Result<(), Failure>; 2];
 
 /// Where all of the session goes, if anywhere.
 pub fn file(args: &RunArgs) -> Option<PathBuf> {

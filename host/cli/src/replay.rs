@@ -16,6 +16,7 @@ use sutura_host::recording::replay::{
 };
 use sutura_host::recording::{About, Begins, End, Recording};
 use sutura_host::session::SceneSolver;
+use sutura_host::text::one_line;
 
 /// Runs a recorded session again: the console's ticks and the solver's steps, compared bit by bit.
 ///
@@ -103,7 +104,7 @@ pub fn run(args: &ReplayArgs, global: &Global) -> Result<(), Failure> {
             pictures,
             ..report
         }),
-        Format::Text => say!("{}", text(&recording, &console, &host, &here)),
+        Format::Text => display::lines(&text(&recording, &console, &host, &here)),
     }
     verdict
 }
@@ -246,6 +247,7 @@ fn text(
             host.verified_steps, host.steps
         ),
     });
+    let lines: Vec<_> = lines.iter().map(|line| one_line(line)).collect();
     lines.join("\n")
 }
 

@@ -7,7 +7,7 @@ use crate::failure::{Cause, Failure};
 use crate::recording::{self, Recording};
 use crate::replay;
 use crate::series::{self, SERIES_HZ};
-use crate::signals::{stop_on_signals, stopped};
+use crate::signals::{Stoppable, stop_on_signals, stopped};
 use crate::top::Top;
 use crate::view::PageArgs;
 use crate::view::session::{Viewed, has_desktop};
@@ -30,7 +30,7 @@ use sutura_host::recording::{Tap, TappedConsole, TappedPort, TappedSolver};
 use sutura_host::scene::{LONGEST_S, Scene, Tissue, host_hz};
 use sutura_host::session::{
     self, Attendant, EndingKind, Line, Plan, PlanError, Progress, SceneSolver, Scheduling,
-    SessionError, Solve, Summary, check_rate, run_lockstep, run_real_time,
+    SessionError, Solve, Summary, UNSENDABLE, check_rate, run_lockstep, run_real_time,
 };
 use sutura_host::wound::Overlap;
 use sutura_shared::control::TICK_HZ;
@@ -274,7 +274,7 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
         }
         None => Box::new(Operator::new(args.rearm)),
     };
-    let mut display = Display::new(args.stream, global.format, args.top);
+    let mut display = Display::new(args.stream, global.format, args.top, plan.seconds);
     let top = match &viewed {
         Some(viewed) if args.top => Some(Top::start(viewed, stop.clone())?),
         _ => None,
@@ -306,14 +306,18 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
         tap: &tap,
         operator,
     };
-    let summary = session(args, way, &plan, &mut solver, &mut progress);
+    let summary = {
+        // In lockstep the solver is on this thread: a signal is heard in the midst of a step.
+        let _ends = lockstep.then(|| Stoppable::by(&stop));
+        session(args, way, &plan, &mut solver, &mut progress)
+    };
     if let Some(top) = top {
         top.end();
     }
     display.finish();
     let file = recording.file();
     let view = viewed.as_mut().and_then(Viewed::end);
-    let (summary, recorded) = recording.finish(summary)?;
+    let (summary, [recorded, saved]) = recording.finish(summary)?;
     let summary = Summary {
         chosen,
         view,
@@ -333,13 +337,14 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
     let verdict = recorded.and_then(|()| drawn());
     let verdict = verdict.map_err(Failure::after_summary);
     let verdict = verdict.and_then(|()| self::verdict(args, &summary));
+    let verdict = verdict.and_then(|()| saved.map_err(Failure::after_summary));
     for refused in &summary.refusals {
         note!("{refused}; {REFUSED_HELP}");
     }
     let summary = said_of(summary, &verdict);
     match global.format {
         Format::Json => display::object(&summary),
-        Format::Text => say!("{}", display::table(&summary).trim_end()),
+        Format::Text => display::lines(display::table(&summary).trim_end()),
     }
     match (&viewed, file) {
         (Some(viewed), Some(file)) if viewed.was_seen() && !stop.load(Ordering::Relaxed) => {
@@ -357,9 +362,6 @@ fn may_write(args: &RunArgs, global: &Global) -> Result<(), Failure> {
         files::folder("--series", folder, global)?;
     }
     let recording = recording::file(args);
-    for file in [&recording, &args.save_last].into_iter().flatten() {
-        files::free(file, global)?;
-    }
     let is_named = args.record.is_some();
     let option = if is_named { "--record" } else { "--series" };
     let outputs = [
@@ -367,6 +369,9 @@ fn may_write(args: &RunArgs, global: &Global) -> Result<(), Failure> {
         ("--save-last", args.save_last.as_deref()),
     ];
     files::apart(&outputs)?;
+    for file in [&recording, &args.save_last].into_iter().flatten() {
+        files::free(file, global)?;
+    }
     match &args.series {
         Some(folder) => files::apart_from_those_in(("--series", folder), series::is_file, &outputs),
         None => Ok(()),
@@ -814,6 +819,10 @@ fn help_for_withheld(why: Option<&str>) -> &'static str {
             "the tools touched more vertices than a step has room for: a coarser mesh or a smaller tool; `sutura scene check` says where"
         }
         Some("waiting") => "compliance columns came too late: a coarser mesh, or a lower --host-hz",
+        Some(UNSENDABLE) => {
+            "what steps found is beyond what a frame takes, 1e4 N and 1e7 N/m: are the moduli in Pa, and the needle's friction in N/m? Then softer \
+             tissue, or a hand that goes less deep"
+        }
         Some(_) => "see `steps_withheld`",
         None => "contacts came too late to be used: a higher --host-hz, or a faster `--tissue`",
     }

@@ -3,7 +3,7 @@
 //! Entry points: [`run`], [`OUTPUTS`]. The book's tables are what this prints: `cargo xtask book`.
 
 use crate::failure::{Cause, Failure};
-use crate::{Format, Global};
+use crate::{Format, Global, display};
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use schemars::generate::SchemaSettings;
@@ -53,7 +53,7 @@ const OUTPUTS: &[Output] = &[
     output(
         "run-line",
         "sutura run --stream, each line",
-        of::<crate::display::Line>,
+        of::<display::Line>,
     ),
     output(
         "wound",
@@ -209,24 +209,22 @@ pub fn run(args: &SchemaArgs, global: &Global) -> Result<(), Failure> {
         return Ok(());
     };
     match (&output.described, global.format) {
-        (Object(schema), Format::Json) => say!("{:#}", schema().to_value()),
-        (Object(schema), Format::Text) => say!("{}", keys(&schema().to_value()).trim_end()),
+        (Object(schema), Format::Json) => display::lines(&format!("{:#}", schema().to_value())),
+        (Object(schema), Format::Text) => display::lines(keys(&schema().to_value()).trim_end()),
         (Values(values), Format::Json) => {
             let values = values().into_iter();
             let each = values.map(
                 |(value, meaning)| serde_json::json!({ "const": value, "description": meaning }),
             );
-            say!(
-                "{:#}",
-                serde_json::json!({ "oneOf": each.collect::<Vec<_>>() })
-            );
+            let all = serde_json::json!({ "oneOf": each.collect::<Vec<_>>() });
+            display::lines(&format!("{all:#}"));
         }
         (Values(values), Format::Text) => {
             let mut table = String::from("| value | means |\n|---|---|\n");
             for (value, meaning) in values() {
                 let _ = writeln!(table, "| `{value}` | {meaning} |");
             }
-            say!("{}", table.trim_end());
+            display::lines(table.trim_end());
         }
     }
     Ok(())
@@ -250,7 +248,7 @@ fn withheld() -> Vec<(String, String)> {
     });
     let of_session = (
         UNSENDABLE.to_owned(),
-        "The step was good, and has a number that the console would refuse.".to_owned(),
+        "The step was good, and has a number that the console would refuse: a force above 1e4 N, a stiffness above 1e7 N/m.".to_owned(),
     );
     let good = Status::Ok.name();
     let mut all: Vec<_> = of_step.filter(|(name, _)| name != good).collect();

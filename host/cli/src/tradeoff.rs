@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`run`]. Cases, models and errors are the library's; here they are chosen, printed and plotted.
 
-use crate::display::progress;
+use crate::display::{self, progress};
 use crate::failure::{Cause, Failure};
 use crate::files::unwritable;
 use crate::signals::{interrupted, stop_after_a_line, then};
@@ -151,7 +151,7 @@ pub fn run(args: &TradeoffArgs, global: &Global) -> Result<(), Failure> {
         table.status = failure.cause.word();
     }
     match global.format {
-        Format::Json => crate::display::object(&table),
+        Format::Json => display::object(&table),
         Format::Text => {
             print_text(&table.report, extent.timed);
             print_sutures(&table.sutures);
@@ -199,8 +199,8 @@ fn merged(args: &MergeArgs, global: &Global) -> Result<(), Failure> {
         table["status"] = failure.cause.word().into();
     }
     match global.format {
-        Format::Json => crate::display::object(&table),
-        Format::Text => say!("{}", words(&table)),
+        Format::Json => display::object(&table),
+        Format::Text => display::lines(&words(&table)),
     }
     written.map_err(Failure::after_summary)
 }

@@ -1,6 +1,6 @@
 //! Files that users name: which are read, which are written, and which are never written over.
 //!
-//! Entry points: [`read_plain`], [`may_write`], [`is_same`], [`lead_to_one`], [`write_whole`].
+//! Entry points: [`read_plain`], [`may_write`], [`has_folder`], [`is_same`], [`lead_to_one`], [`write_whole`].
 
 mod whole;
 
@@ -130,6 +130,27 @@ pub fn may_write(path: &Path) -> io::Result<()> {
     }
 }
 
+/// Whether a new file can be made there: its folder is there, and the user may write in it. A file that is there has one.
+///
+/// # Errors
+/// The system's, for the folder.
+pub fn has_folder(path: &Path) -> io::Result<()> {
+    if path.exists() {
+        return Ok(());
+    }
+    let target = target(path);
+    let folder = target.parent().unwrap_or(Path::new("/"));
+    if !std::fs::metadata(folder)?.is_dir() {
+        return Err(io::Error::from(ErrorKind::NotADirectory));
+    }
+    #[cfg(unix)]
+    {
+        use rustix::fs::Access;
+        rustix::fs::access(folder, Access::WRITE_OK | Access::EXEC_OK)?;
+    }
+    Ok(())
+}
+
 /// Whether what is written to two paths comes to one file, be it there or not. A device takes both.
 pub fn lead_to_one(one: &Path, other: &Path) -> bool {
     let is_device = one.metadata().is_ok_and(|found| !found.is_file());
@@ -250,6 +271,18 @@ mod tests {
         std::os::unix::fs::symlink("/dev/null", at("device")).expect("a link");
         for name in ["old", "new", "dangling", "device", "none/new"] {
             assert!(may_write(&at(name)).is_ok(), "{name}");
+        }
+        for name in ["old", "new", "dangling", "device"] {
+            assert!(has_folder(&at(name)).is_ok(), "{name}");
+        }
+        std::os::unix::fs::symlink("none/new", at("lost")).expect("a link");
+        for (name, kind) in [
+            ("none/new", ErrorKind::NotFound),
+            ("lost", ErrorKind::NotFound),
+            ("old/new", ErrorKind::NotADirectory),
+        ] {
+            let error = has_folder(&at(name)).expect_err(name);
+            assert_eq!(error.kind(), kind, "{name}");
         }
         let made = std::process::Command::new("mkfifo")
             .arg(at("pipe"))

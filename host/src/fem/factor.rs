@@ -48,6 +48,8 @@ pub(crate) struct Need {
 
 /// Said of a mesh that is too large.
 const FACTOR: &str = "the factor of its stiffness";
+/// Memory that is needed first; how much the factor needs is known afterwards.
+const ORDER: &str = "the order in which its stiffness is to be factored";
 
 /// So far tissue that is held is moved by forces whose norm is 1, at most, in units of the inverse of its largest stiffness.
 const MOST_MOVED: f64 = 1e12;
@@ -75,7 +77,7 @@ impl Factor {
             format!("{nodes} free nodes")
         });
         let cholesky = Cholesky::analyse(pattern.lower())
-            .map_err(|_| short(4 * size_of::<usize>() * pattern.entries()))?;
+            .map_err(|_| short(ORDER, 4 * size_of::<usize>() * pattern.entries()))?;
         let supernodes = Supernodes::new(&cholesky).ok_or(NotFactored::Indefinite)?;
         let symbolic = Symbolic {
             cholesky,
@@ -98,7 +100,7 @@ impl Factor {
         let mut values_of_factor = memory::zeros(FACTOR, entries)?;
         let mut memory = (symbolic.cholesky)
             .try_factor_scratch()
-            .map_err(|_| short(all))?;
+            .map_err(|_| short(FACTOR, all))?;
         symbolic
             .cholesky
             .factor(pattern.lower(), values, &mut values_of_factor, &mut memory)?;
@@ -254,9 +256,9 @@ impl From<Shortage> for NotFactored {
 }
 
 /// The allocator had no such piece.
-fn short(bytes: usize) -> NotFactored {
+fn short(what: &'static str, bytes: usize) -> NotFactored {
     NotFactored::TooLarge(Shortage {
-        what: FACTOR,
+        what,
         needed_bytes: bytes as u64,
         available_bytes: memory::available_bytes().unwrap_or_default(),
     })

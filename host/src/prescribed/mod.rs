@@ -179,7 +179,7 @@ impl Prescribed {
             .iter()
             .map(|tool| (tool.id, tool.shape.clone()))
             .collect();
-        check_tools(&shapes).map_err(SceneError::Build)?;
+        check_tools(&shapes).map_err(|error| scene.placed(error))?;
         let tissue = model
             .build(&scene.body(), &scene.mesh)
             .map_err(|reason| refuse(reason, "change the scene, or take another `--tissue`"))?;

@@ -9,6 +9,7 @@ use crate::link::{LinkError, LockstepConsole, Port};
 use crate::scene::Scene;
 use crate::session::{Effort, Plan, SceneSolver, Solve, Solved, Spared, Tuning};
 use crate::tool::Act;
+use crate::work;
 use std::io;
 use std::time::{Duration, Instant};
 use sutura_shared::control::{TICK_US, TicksLimited};
@@ -153,6 +154,10 @@ impl Solve for TappedSolver<'_> {
         }
         let began = Instant::now();
         let solved = self.solver.solve(state);
+        // A step that was given up on the way could not be run again.
+        if work::is_stopped() {
+            return solved;
+        }
         let step_us = began.elapsed().as_secs_f64() * 1e6;
         let replay = self.tap.is_for_replay();
         let hash = if replay { self.solver.hash() } else { 0 };

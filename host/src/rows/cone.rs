@@ -12,6 +12,7 @@ use super::scaled::Law;
 use super::slip::Slip;
 use super::state::Mode;
 use super::workspace::Active;
+use crate::work;
 
 /// Newton steps from one start.
 const STEPS: u32 = 30;
@@ -57,6 +58,9 @@ pub(super) fn solve(
     let mut converged = false;
     best.copy_from_slice(at.x);
     for start in STARTS {
+        if work::is_stopped() {
+            break;
+        }
         if start == Start::Ramp {
             iterations += ramp(problem, at, active)?;
         }
@@ -64,9 +68,12 @@ pub(super) fn solve(
         problem.gaps(at.x, at.delta);
         if let Start::Sweeps(sweeps) = start {
             for _ in 0..sweeps {
+                if work::is_stopped() {
+                    break;
+                }
                 gauss_seidel::sweep(problem, at.x, at.delta);
+                iterations += 1;
             }
-            iterations += sweeps;
         }
         iterations += newton(problem, at, active);
         gauss_seidel::project(problem.law, at.x);
@@ -130,6 +137,9 @@ fn newton(problem: &Reduced, at: &mut Iterate, active: &mut Active) -> u32 {
     let mut merits = [f64::INFINITY; MEMORY];
     let mut smallest = f64::INFINITY;
     for step in 0..STEPS {
+        if work::is_stopped() {
+            return step;
+        }
         let residual = natural_residual(problem.law, at.x, at.delta);
         let rounding = problem.rounding(at.x);
         if residual <= rounding || (residual <= 10.0 * rounding && residual >= smallest) {

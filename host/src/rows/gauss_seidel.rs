@@ -8,6 +8,7 @@ use super::cone::{classify, natural_residual};
 use super::scaled::Law;
 use super::workspace::{Finish, Workspace};
 use super::{Problem, active_set, coulomb};
+use crate::work;
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 /// At most `sweeps` sweeps over the whole problem, from the warm forces.
@@ -42,7 +43,7 @@ pub(super) fn solve(
     project(&scaled.law, iterate.x);
     reduced.gaps(iterate.x, iterate.delta);
     let mut iterations = 0;
-    while iterations < sweeps {
+    while iterations < sweeps && !work::is_stopped() {
         sweep(&reduced, iterate.x, iterate.delta);
         iterations += 1;
         let strongest = iterate.x.iter().fold(0.0, |most: f64, x| most.max(x.abs()));

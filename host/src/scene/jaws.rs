@@ -3,6 +3,7 @@
 //! Entry point: [`read_jaws`].
 
 use super::document::{Document, SceneError};
+use super::tool_shape::unit_vector;
 use super::{Needle, Thread, Tool};
 use crate::jaws::{self, FEWEST_POINTS, JawsPart, MOST_POINTS};
 use crate::thread::ThreadHold;
@@ -182,7 +183,7 @@ fn read_directions(
     let direction = |key: &str, value: &Option<Spanned<[f64; 3]>>, usual: [f64; 3]| match value {
         Some(value) => {
             let vector = Vector3::from(document.finite(key, value)?);
-            vector.try_normalize(1e-12).ok_or_else(|| {
+            unit_vector(vector).ok_or_else(|| {
                 let message = format!("{key}: a direction without length");
                 let help = "three numbers along x, y, z, not all zero";
                 document.flaw(value.span(), message, "no direction", Some(help))

@@ -43,16 +43,16 @@ pub use touching::TissueContact;
 pub use units::unlikely_size;
 pub use way::{OnWay, Way, WayStop};
 
-use crate::collide::{TouchPart, TouchSettings};
+use crate::collide::{TouchError, TouchPart, TouchSettings};
 use crate::fem::{Hyperelasticity, Loads, Materials, Policy, TissueError};
 use crate::mesh::TetMesh;
 use crate::model::{Model, ModelError, Passes};
-use crate::needle::{NeedlePart, NeedleSettings, NeedleTissue};
+use crate::needle::{NeedleError, NeedlePart, NeedleSettings, NeedleTissue};
 use crate::registry::Substance;
 use crate::rod::{Bar, BarPart, BodyContact};
 use crate::source::Added;
 use crate::step::{State, Workspace};
-use crate::thread::ThreadContact;
+use crate::thread::{ThreadContact, ThreadError};
 use crate::tool;
 use crate::work;
 use nalgebra::Vector3;
@@ -139,6 +139,85 @@ pub(crate) struct Places {
     pub acting: Option<Flaw>,
     /// The tissue's mesh.
     pub mesh: Flaw,
+    /// The tissue's modulus.
+    pub tissue: Flaw,
+    /// What is built beside the tissue.
+    pub parts: Vec<(Part, Flaw)>,
+}
+
+/// A part of a scene that its solver is built from, by its id or else by its place among its kind.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Part {
+    /// A tool.
+    Tool(u8),
+    /// A needle.
+    Needle(u8),
+    /// A thread.
+    Thread(u8),
+    /// A handle.
+    Handle(usize),
+    /// A `[[tissue_contact]]`.
+    Touch(usize),
+    /// A `[[body_contact]]`.
+    Pair(usize),
+}
+
+/// Kinds of errors that are about the parts of a scene.
+enum About {
+    Part(Part),
+    /// All of a kind: the last is one too many.
+    Last(fn(&Part) -> bool),
+    Tissue,
+    Mesh,
+    Acting,
+    /// Nothing in the file.
+    Nothing,
+}
+
+/// Returns what an error of the solver's parts is about.
+fn about(error: &ModelError) -> About {
+    use ModelError::{
+        Bar, BodyContact, Jaws, NoRest, NotHeld, SameTool, TooManyTools, Tool, WideHandle,
+    };
+    match error {
+        Tool { id, .. } | SameTool(id) => About::Part(Part::Tool(*id)),
+        Jaws { tool, .. } | Bar { tool, .. } => About::Part(Part::Tool(*tool)),
+        TooManyTools(_) => About::Last(|part| matches!(part, Part::Tool(_))),
+        BodyContact { .. } => About::Last(|part| matches!(part, Part::Pair(_))),
+        WideHandle(index) => About::Part(Part::Handle(*index)),
+        ModelError::Needle(error) => match error {
+            NeedleError::Flaw { id, .. }
+            | NeedleError::Inside { id }
+            | NeedleError::SameNeedle(id) => About::Part(Part::Needle(*id)),
+            NeedleError::TooMany(_) => About::Last(|part| matches!(part, Part::Needle(_))),
+            _ => About::Tissue,
+        },
+        ModelError::Thread(error) => match error {
+            ThreadError::SameThread(id)
+            | ThreadError::Needle { id, .. }
+            | ThreadError::Number { id, .. } => About::Part(Part::Thread(*id)),
+            ThreadError::Contact { contact, .. } => About::Part(Part::Thread(contact.thread)),
+            ThreadError::TooManyStrands(_) => About::Last(|part| matches!(part, Part::Thread(_))),
+        },
+        ModelError::Touch(error) => match error {
+            TouchError::NoFaces { part } | TouchError::NoSuchNode { part, .. } => {
+                About::Part(Part::Touch(*part))
+            }
+            TouchError::Number { .. } => About::Last(|part| matches!(part, Part::Touch(_))),
+        },
+        NoRest { .. } | NotHeld { .. } => About::Acting,
+        ModelError::Tissue(error) => match error {
+            TissueError::NoEquilibrium { .. } | TissueError::NotFinite(_) => About::Acting,
+            TissueError::AnchorWeights { handle } | TissueError::HandlesConflict { handle } => {
+                About::Part(Part::Handle(*handle))
+            }
+            TissueError::Stopped => About::Nothing,
+            TissueError::Material(_) | TissueError::Elasticity(_) | TissueError::Policy(_) => {
+                About::Tissue
+            }
+            _ => About::Mesh,
+        },
+    }
 }
 
 /// What a scene says about corotational tissue; the solver's own choice where it says nothing.
@@ -398,16 +477,21 @@ impl Scene {
     }
 
     /// An error of the solver's parts, at the place in the file that it is about.
-    fn placed(&self, error: ModelError) -> SceneError {
-        use ModelError::{NoRest, NotHeld, Tissue};
-        let place = match &error {
-            NoRest { .. } | NotHeld { .. } | Tissue(TissueError::NoEquilibrium { .. }) => {
-                self.places.acting.as_ref()
-            }
-            Tissue(TissueError::Floating { .. } | TissueError::AllFixed(_)) => {
-                Some(&self.places.mesh)
-            }
-            _ => None,
+    pub(crate) fn placed(&self, error: ModelError) -> SceneError {
+        let Places {
+            acting,
+            mesh,
+            tissue,
+            parts,
+        } = &self.places;
+        let mut parts = parts.iter();
+        let place = match about(&error) {
+            About::Part(part) => parts.find(|(other, _)| *other == part).map(|(_, at)| at),
+            About::Last(is_one) => parts.rfind(|(other, _)| is_one(other)).map(|(_, at)| at),
+            About::Tissue => Some(tissue),
+            About::Mesh => Some(mesh),
+            About::Acting => acting.as_ref(),
+            About::Nothing => None,
         };
         match place {
             Some(place) => SceneError::Flaw(Box::new(place.saying(error.to_string()))),

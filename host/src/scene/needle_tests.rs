@@ -588,4 +588,7 @@ fn a_grip_has_a_body() {
     assert_eq!((seen.radius_m(), seen.axis), (0.002, [0.0, 1.0, 0.0]));
     scene.build().expect("a model");
     assert!(read(GOOD).expect("good").bars().next().is_none());
+    // However long the vector is.
+    let long = read(&text.replace("[0.0, 2.0, 0.0]", "[0.0, 1e300, 0.0]")).expect("good");
+    assert_eq!(long.bars().map(|part| part.bar).collect::<Vec<_>>(), [bar]);
 }

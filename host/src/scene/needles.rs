@@ -4,6 +4,7 @@
 
 use super::Tool;
 use super::document::{Document, Flaw, SceneError};
+use super::tool_shape::unit_vector;
 use crate::mesh::TetMesh;
 use crate::needle::{
     self, Curve, Joints, MOST_SEGMENTS, NeedleSegment, NeedleSegments, NeedleShape, NeedleTissue,
@@ -241,7 +242,7 @@ fn read_start(
     let end = document.finite("end_m", &said.end_m)?;
     let direction = |key: &str, value: &Spanned<[f64; 3]>| {
         let vector = Vector3::from(document.finite(key, value)?);
-        vector.try_normalize(1e-12).ok_or_else(|| {
+        unit_vector(vector).ok_or_else(|| {
             let message = format!("{key}: a direction without length");
             let help = "three numbers along x, y, z, not all zero";
             document.flaw(value.span(), message, "no direction", Some(help))

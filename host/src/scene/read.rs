@@ -18,7 +18,9 @@ use super::threads::{idle_grips, read_threads};
 use super::tools::read_tools;
 use super::touching::read_touching;
 use super::units;
-use super::{Corotational, DENSITY_KG_PER_M3, HostSettings, Places, Registered, Scene, Tissue};
+use super::{
+    Corotational, DENSITY_KG_PER_M3, HostSettings, Part, Places, Registered, Scene, Tissue,
+};
 use crate::fem::{Anchor, Handle, Loads, NodeLoad};
 use crate::mesh::{self, MeshError, TetMesh};
 use miette::Severity;
@@ -104,8 +106,17 @@ impl Scene {
             std::iter::once(&file.tissue.youngs_modulus_pa)
                 .chain(regions.map(|region| &region.youngs_modulus_pa))
         };
-        warnings
-            .extend(moduli().filter_map(|modulus| units::of_stiffness(document, modulus, &tools)));
+        let pressing = hand.as_ref().zip(device.as_ref());
+        let pressing =
+            pressing.map(|(hand, device)| (hand, f64::from(device.description.max_force_n)));
+        let is_stiff = moduli().any(|modulus| *modulus.get_ref() > units::STIFF_PA);
+        let press = is_stiff.then(|| units::Press::of(&mesh, &tools, pressing));
+        let press = press.flatten();
+        warnings.extend(
+            moduli().filter_map(|modulus| {
+                units::of_stiffness(document, modulus, &tools, press.as_ref())
+            }),
+        );
         warnings.extend(moduli().filter_map(|modulus| units::of_softness(document, modulus)));
         let hands = (&tools[..], &file.tool[..]);
         let mut needles = read_needles(document, &file.needle, &tools, &mesh)?;
@@ -210,10 +221,32 @@ impl Scene {
 
 /// Places for errors that building the solver finds.
 fn places(document: &Document, file: &SceneFile) -> Places {
-    let place = |span, label: &str, help: &str| {
+    let note = |span, label: &str, help: Option<&str>| {
         let message = String::new();
-        document.note(Severity::Error, span, message, label.to_owned(), Some(help))
+        document.note(Severity::Error, span, message, label.to_owned(), help)
     };
+    let place = |span, label: &str, help: &str| note(span, label, Some(help));
+    let part = |part, span| (part, note(span, "in this section", None));
+    let id = |id: &Option<Spanned<u8>>, index: usize| {
+        id.as_ref().map_or(index as u8, |id| *id.get_ref())
+    };
+    let tools = file.tool.iter().enumerate();
+    let tools =
+        tools.map(|(index, said)| part(Part::Tool(id(&said.get_ref().id, index)), said.span()));
+    let needles = file.needle.iter().enumerate();
+    let needles =
+        needles.map(|(index, said)| part(Part::Needle(id(&said.get_ref().id, index)), said.span()));
+    let threads = file.thread.iter().enumerate();
+    let threads =
+        threads.map(|(index, said)| part(Part::Thread(id(&said.get_ref().id, index)), said.span()));
+    let handles = file.handle.iter().enumerate();
+    let handles = handles.map(|(index, said)| part(Part::Handle(index), said.vertices.span()));
+    let touching = file.tissue_contact.iter().enumerate();
+    let touching = touching.map(|(index, said)| part(Part::Touch(index), said.span()));
+    let pairs = file.body_contact.iter().enumerate();
+    let pairs = pairs.map(|(index, said)| part(Part::Pair(index), said.span()));
+    let bodies = tools.chain(needles).chain(threads);
+    let parts = bodies.chain(handles).chain(touching).chain(pairs).collect();
     let load = file.load.first().map(|load| load.total_force_n.span());
     let handle = file.handle.first();
     let handle = || handle.map(|handle| handle.target_displacement_m.span());
@@ -224,6 +257,8 @@ fn places(document: &Document, file: &SceneFile) -> Places {
             .or_else(handle)
             .map(|span| place(span, "acts on the tissue", help)),
         mesh: place(file.mesh.span(), "this mesh", help_of_mesh),
+        tissue: note(file.tissue.youngs_modulus_pa.span(), "this tissue", None),
+        parts,
     }
 }
 

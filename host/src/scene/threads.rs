@@ -7,7 +7,7 @@ use super::{Jaws, Needle, Tool};
 use crate::thread::{
     MAX_STRANDS, MOST_HANDS, ThreadEnd, ThreadHold, ThreadPart, Through, Tightening,
 };
-use crate::tool::Shape;
+use crate::tool::{MOST_FRICTION, Shape};
 use sutura_scene_file::scene::ToolSection;
 use sutura_scene_file::wound::{
     ThreadCutSection, ThreadEndName, ThreadHoldSection, ThreadSection, ThreadTightenSection,
@@ -159,7 +159,7 @@ pub(super) fn read_threads(
             id,
             needle,
             length_m,
-            friction: read_friction(document, said.friction.as_ref())?,
+            friction: read_friction(document, said.friction.as_ref(), MOST_FRICTION)?,
             strength_n,
             through,
         };
@@ -227,15 +227,21 @@ fn read_through(document: &Document, said: &ThreadSection) -> Result<Through, Sc
     Ok(through)
 }
 
-/// Coulomb's coefficient of a thread or a contact; 0 when left out.
+/// Coulomb's coefficient of a thread or a contact, at most `most`; 0 when left out.
 pub(super) fn read_friction(
     document: &Document,
     value: Option<&Spanned<f64>>,
+    most: f64,
 ) -> Result<f64, SceneError> {
     let help =
         "Coulomb's coefficient, a number without unit: 0.05 to 0.3 between wet tissues and threads";
+    let rule = match most.is_finite() {
+        true => format!("between 0 and {most}"),
+        false => "zero or positive".to_owned(),
+    };
+    let is_sound = |v| (0.0..=most).contains(&v);
     value.map_or(Ok(0.0), |value| {
-        document.number("friction", value, "zero or positive", |v| v >= 0.0, help)
+        document.number("friction", value, &rule, is_sound, help)
     })
 }
 

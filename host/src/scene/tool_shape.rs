@@ -263,13 +263,21 @@ fn read_mesh(document: &Document, spanned: &Spanned<ToolSection>) -> Result<Shap
     })
 }
 
+/// Returns the unit vector along a vector, however long; none along one without length.
+pub(super) fn unit_vector(vector: Vector3<f64>) -> Option<Vector3<f64>> {
+    match vector.norm().is_finite() {
+        true => vector.try_normalize(1e-12),
+        false => (vector / vector.amax()).try_normalize(1e-12),
+    }
+}
+
 /// Where the front looks, unit vector.
 fn read_axis(document: &Document, section: &ToolSection) -> Result<Vector3<f64>, SceneError> {
     let Some(axis) = &section.axis else {
         return Ok(Tool::DEFAULT_AXIS.into());
     };
     let vector = Vector3::from(document.finite("axis", axis)?);
-    vector.try_normalize(1e-12).ok_or_else(|| {
+    unit_vector(vector).ok_or_else(|| {
         let message = "axis: a direction without length";
         let help = "where the front looks in the grip's frame: down is [0.0, 0.0, -1.0]";
         document.flaw(axis.span(), message, "no direction", Some(help))
@@ -287,7 +295,7 @@ fn read_side(
         None => Tool::DEFAULT_SIDE.into(),
     };
     let across = |unit: Vector3<f64>| (unit - axis * axis.dot(&unit)).try_normalize(1e-6);
-    side.try_normalize(1e-12).and_then(across).ok_or_else(|| {
+    unit_vector(side).and_then(across).ok_or_else(|| {
         let key = section.side.as_ref().or(section.axis.as_ref());
         let (message, label) = if section.side.is_some() {
             ("side: no direction across the axis", "nothing of it lies across the axis")

@@ -4,7 +4,7 @@
 
 use super::document::{Document, Flaw, SceneError};
 use super::hand::position_at;
-use super::tool_shape::read_shape;
+use super::tool_shape::{read_shape, unit_vector};
 use super::way::{self, Way, read_way};
 use super::{Pose, Tool};
 use crate::contact::shape::Solid;
@@ -130,7 +130,7 @@ fn read_body(document: &Document, section: &ToolSection) -> Result<Option<Bar>, 
     let axis = match &said.axis {
         Some(axis) => {
             let vector = Vector3::from(document.finite("axis", axis)?);
-            vector.try_normalize(1e-12).ok_or_else(|| {
+            unit_vector(vector).ok_or_else(|| {
                 let message = "axis: a direction without length";
                 let help = "where the front looks in the grip's frame: down is [0.0, 0.0, -1.0]";
                 document.flaw(axis.span(), message, "no direction", Some(help))
@@ -296,6 +296,26 @@ fn poses(hand: Option<&HandScript>, way: Option<&Way>, pose: Option<&Pose>) -> V
         .filter_map(at)
         .chain(pose.copied())
         .collect()
+}
+
+/// Returns how deep a hand presses a tool into tissue that does not give way \[m\]: as deep as its path goes, less what it gives
+/// way itself under the device's largest force \[N\].
+pub(super) fn depth_m(mesh: &TetMesh, tool: &Tool, (hand, most_n): (&HandScript, f64)) -> f64 {
+    let surface = mesh.surface();
+    let at = |node: &u32| Vector3::from(mesh.points_m()[*node as usize]);
+    let deepest_m = poses(Some(hand), tool.way.as_ref(), None)
+        .into_iter()
+        .filter_map(|pose| tool.shape.place(&at_rest(0, &pose)))
+        .map(|place| Solid::new(&tool.shape, 0.0, &place))
+        .flat_map(|solid| {
+            let depths = surface
+                .vertices
+                .iter()
+                .map(move |node| -solid.gap(&at(node)));
+            depths.reduce(f64::max)
+        });
+    let deepest_m = deepest_m.fold(0.0, f64::max);
+    (deepest_m - most_n / f64::from(hand.stiffness_n_per_m)).max(0.0)
 }
 
 /// A tool that is small against the mesh where it comes, and what was measured of such ones: of interest below four edges, a

@@ -78,7 +78,7 @@ pub(super) fn read_touching(
         Ok(TissueContact {
             between: [first, second].map(|tag| tag.get_ref().to_string().replace('"', "")),
             faces,
-            friction: read_friction(document, friction.as_ref())?,
+            friction: read_friction(document, friction.as_ref(), f64::INFINITY)?,
             rims: chosen,
         })
     };

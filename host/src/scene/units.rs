@@ -6,12 +6,15 @@
 use super::Tool;
 use super::document::{Document, Flaw};
 use super::hand::PEAK_SPEED;
+use super::tools::depth_m;
 use super::way;
 use crate::mesh::{TetMesh, mean_ratio};
+use crate::tool::Shape;
 use nalgebra::Vector3;
 use std::ops::Range;
 use sutura_scene_file::scene::{MeshSection, SceneFile, ToolSection};
-use sutura_shared::wire::validate::MAX_TANGENT;
+use sutura_shared::wire::message::HandScript;
+use sutura_shared::wire::validate::{MAX_TANGENT, MAX_WRENCH};
 use toml::Spanned;
 
 /// Largest and smallest size of a body that somebody sews or feels \[m\]: a person, a vessel.
@@ -481,28 +484,95 @@ fn of_hardness(document: &Document, modulus: &Spanned<f64>) -> Option<Flaw> {
     Some(document.warning(modulus.span(), &message, "too stiff", help))
 }
 
-/// A warning of tissue on which a tool is stiffer than a frame can say: a flat punch of radius a feels at least `2 E a`
-/// (Johnson 1985, 3.36).
+/// Softer tissue stays far below what a frame takes, whatever presses on it \[Pa\].
+pub(super) const STIFF_PA: f64 = 1e5;
+/// Plane modulus over Young's, of tissue that keeps its volume (Johnson 1985, 3.36).
+const PLANE: f64 = 4.0 / 3.0;
+/// Modulus of a layer that is pressed against what holds it, over Young's: it bulges beside the tool.
+const LAYER: f64 = 2.0;
+
+/// Driven tool, as far as the stiffness of what it presses on goes.
+pub(super) struct Press {
+    radius_m: f64,
+    is_round: bool,
+    /// From [`depth_m`].
+    depth_m: f64,
+    /// Smallest side of the tissue \[m\].
+    layer_m: f64,
+}
+
+impl Press {
+    /// Describes the driven tool; none without one that touches by its shape.
+    pub fn of(mesh: &TetMesh, tools: &[Tool], hand: Option<(&HandScript, f64)>) -> Option<Self> {
+        let tool = tools.iter().find(|tool| tool.driven)?;
+        let radius_m = tool.shape.radius_m();
+        let is_round = matches!(
+            tool.shape.shape,
+            Shape::Sphere { .. } | Shape::Capsule { .. }
+        );
+        let [low, high] = bounds(mesh);
+        let sides = (0..3).map(|axis| high[axis] - low[axis]);
+        (radius_m > 0.0).then(|| Self {
+            radius_m,
+            is_round,
+            depth_m: hand.map_or(0.0, |hand| depth_m(mesh, tool, hand)),
+            layer_m: sides.fold(f64::INFINITY, f64::min),
+        })
+    }
+
+    /// Estimates the stiffness \[N/m\] and the largest force \[N\] over Young's modulus: a half-space under a punch or a ball, and a
+    /// layer of the tissue's thickness.
+    fn over_modulus(&self) -> [f64; 2] {
+        let Self {
+            radius_m,
+            is_round,
+            depth_m,
+            layer_m,
+        } = *self;
+        let (contact_m, share) = match is_round {
+            true => ((radius_m * depth_m).sqrt().min(radius_m), 2.0 / 3.0),
+            false => (radius_m, 1.0),
+        };
+        let layer = LAYER * std::f64::consts::PI * contact_m.powi(2) / layer_m;
+        let stiffness = 2.0 * PLANE * contact_m + layer;
+        [stiffness, share * stiffness * depth_m]
+    }
+}
+
+/// A warning of tissue on which a tool is stiffer, or presses harder, than a frame can say: a flat punch of radius a feels at least
+/// `2 E a` (Johnson 1985, 3.36).
 pub(super) fn of_stiffness(
     document: &Document,
     modulus: &Spanned<f64>,
     tools: &[Tool],
+    press: Option<&Press>,
 ) -> Option<Flaw> {
-    let most = f64::from(MAX_TANGENT);
+    let [most, most_n] = [MAX_TANGENT, MAX_WRENCH].map(f64::from);
     let modulus_pa = *modulus.get_ref();
     let radius_m = tools
         .iter()
         .map(|tool| tool.shape.radius_m())
         .fold(0.0, f64::max);
-    let stiffness = 2.0 * modulus_pa * radius_m;
-    if stiffness <= most {
+    let [pressed, force] = press.map_or([0.0; 2], Press::over_modulus);
+    let (at_rest, force_n) = (2.0 * modulus_pa * radius_m, force * modulus_pa);
+    let stiffness = at_rest.max(pressed * modulus_pa);
+    let radius_m = match press {
+        Some(press) if at_rest <= most => press.radius_m,
+        _ => radius_m,
+    };
+    let over = (stiffness / most).max(force_n / most_n);
+    if over <= 1.0 || over.is_nan() {
         return of_hardness(document, modulus);
     }
+    let (feels, takes) = match stiffness > most {
+        true => (format!("{stiffness:.0e} N/m"), format!("{most:.0e} N/m")),
+        false => (format!("{force_n:.0e} N"), format!("{most_n:.0e} N")),
+    };
     let message = format!(
-        "youngs_modulus_pa = {modulus_pa:e}: a tool of {} on it feels up to {stiffness:.0e} N/m, and a frame takes {most:.0e} N/m",
+        "youngs_modulus_pa = {modulus_pa:e}: a tool of {} on it feels up to {feels}, and a frame takes {takes}",
         length(radius_m)
     );
-    let help = match 1e-3 * stiffness <= most {
+    let help = match 1e-3 * over <= 1.0 {
         true => format!(
             "the modulus is in Pa: soft tissue has 1e3 to 1e6; times 0.001 it is {:e}",
             1e-3 * modulus_pa
@@ -515,6 +585,44 @@ pub(super) fn of_stiffness(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::read;
+
+    /// A ball that the hand presses by 4 mm more than it gives way, and a punch whose rounded face is all in contact: from 1.65e8 Pa,
+    /// and between 1e8 and 2.5e8 Pa, a session's frames are beyond their range.
+    #[test]
+    fn tissue_too_stiff_for_a_frame_is_told() {
+        let scene = include_str!("../../../scenes/palpation.toml");
+        let ball = "radius_m = 0.014\n";
+        let punch = "shape = \"flat-punch\"\nradius_m = 0.012\nfillet_m = 0.002\nlength_m = 0.03\n";
+        for (tool, modulus_pa, takes) in [
+            (ball, 5e7, None),
+            (ball, 1.65e8, Some("e4 N, and a frame takes 1e4 N")),
+            (ball, 2.5e8, Some("a frame takes 1e4 N")),
+            (ball, 5e8, Some("a frame takes 1e7 N/m")),
+            (punch, 5e7, None),
+            (punch, 2.5e8, Some("a frame takes 1e7 N/m")),
+        ] {
+            let text = scene
+                .replace(
+                    "youngs_modulus_pa = 15e3",
+                    &format!("youngs_modulus_pa = {modulus_pa:e}"),
+                )
+                .replace(ball, tool);
+            let document = Document::embedded("palpation.toml", "".as_ref(), &text);
+            let warnings = read(&document).expect("a good scene").warnings;
+            let stiff = warnings
+                .iter()
+                .map(ToString::to_string)
+                .find(|said| said.contains("a frame takes"));
+            match takes {
+                Some(takes) => {
+                    let stiff = stiff.unwrap_or_else(|| panic!("{modulus_pa:e}: not told"));
+                    assert!(stiff.contains(takes), "{stiff}");
+                }
+                None => assert_eq!(stiff, None),
+            }
+        }
+    }
 
     #[test]
     fn sizes_beyond_the_limits_are_told_with_the_factor_that_mends_them() {

@@ -442,6 +442,14 @@ const SLIPS: &[Slip] = &[
 
 #[test]
 fn slips_are_told_at_their_place() {
+    let friction = Slip {
+        from: "friction = 0.1",
+        to: "friction = 30.0",
+        message: "friction = 30: must be between 0 and 10",
+        under: "30.0",
+        help: "Coulomb's coefficient",
+    };
+    check_slips(GOOD, &[friction]);
     check_slips(GOOD, SLIPS);
 }
 
@@ -667,4 +675,74 @@ fn slips_at_bodies_are_told_at_their_place() {
         message.contains("thread 0 is to lie on this twice"),
         "{message}"
     );
+}
+
+/// What only building the solver finds is told at the section that it is about, each kind of it.
+#[test]
+fn errors_of_parts_have_their_place() {
+    let scene = read(GOOD).expect("good");
+    let at = |error: ModelError| match scene.placed(error) {
+        SceneError::Flaw(flaw) => {
+            let span = flaw.span();
+            GOOD[span.offset()..].lines().next().map(str::to_owned)
+        }
+        _ => None,
+    };
+    let flaw = || "wrong".to_owned();
+    let number = |id| ThreadError::Number {
+        id,
+        what: "friction",
+        value: 30.0,
+        rule: "from 0 to 10",
+    };
+    for (error, line) in [
+        (
+            ModelError::Tool {
+                id: 5,
+                flaw: flaw(),
+            },
+            "[[tool]]",
+        ),
+        (
+            ModelError::Bar {
+                tool: 2,
+                flaw: flaw(),
+            },
+            "[[tool]]",
+        ),
+        (
+            ModelError::Jaws {
+                tool: 5,
+                flaw: flaw(),
+            },
+            "[[tool]]",
+        ),
+        (ModelError::TooManyTools(9), "[[tool]]"),
+        (
+            ModelError::from(NeedleError::Inside { id: 3 }),
+            "[[needle]]",
+        ),
+        (ModelError::from(NeedleError::TooMany(9)), "[[needle]]"),
+        (ModelError::from(number(0)), "[[thread]]"),
+        (
+            ModelError::from(ThreadError::TooManyStrands(99)),
+            "[[thread]]",
+        ),
+        (
+            ModelError::from(TouchError::NoFaces { part: 1 }),
+            "[[tissue_contact]]",
+        ),
+        (ModelError::from(TissueError::AllFixed(9)), "[[mesh.part]]"),
+        (
+            ModelError::from(NeedleError::Property {
+                what: "cutting_pa",
+                value: -1.0,
+            }),
+            "20e3",
+        ),
+    ] {
+        let said = error.to_string();
+        assert_eq!(at(error).as_deref(), Some(line), "{said}");
+    }
+    assert_eq!(at(ModelError::from(TissueError::Stopped)), None);
 }

@@ -12,6 +12,7 @@ use super::{
 use crate::core_time::core_time;
 use crate::link::{Felt, LinkCounters, LinkError, LockstepConsole, Order, Unusable, append};
 use crate::tool::Act;
+use crate::work;
 use std::ops::ControlFlow;
 use std::time::Instant;
 use sutura_shared::link::{HostEvent, HostLink, SendError};
@@ -178,7 +179,8 @@ impl Steer for Straight {
     }
 }
 
-/// Runs a session of `plan.seconds` of console time; `progress` may end it early.
+/// Runs a session of `plan.seconds` of console time; `progress` may end it early, and so may
+/// [`work::stop_with`](crate::work::stop_with), in the midst of a solver step.
 ///
 /// # Errors
 /// See [`SessionError`].
@@ -319,12 +321,17 @@ pub fn run_steered(
             let before = Instant::now();
             let core = core_time();
             let solved = solver.solve(&state);
+            // The step was given up on the way: nothing is known by it.
+            if work::is_stopped() {
+                break;
+            }
             tally.core(core_time().saturating_sub(core));
             let solve_time = before.elapsed();
             tally.step(&solved, solve_time);
             solves += 1;
             let horizon_us = tally.horizon.next_us();
             let frames = solved.frames(state.body(), horizon_us, plan.rendering);
+            let frames = tally.sendable(&solved, frames);
             pending = frames.map(|felt| (state.console_time_us(), felt));
             let time = before.elapsed();
             tally.session(time, time.saturating_sub(solve_time));

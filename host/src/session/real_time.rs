@@ -19,6 +19,7 @@ use crate::link::{
 };
 use crate::scheduling::{Duty, Granted, LockedMemory, Role};
 use crate::tool::Act;
+use crate::work;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -229,13 +230,15 @@ pub fn run_real_time(
     }
     let probe = LatenessProbe::start(options.real_time);
     let duty = options.real_time.then_some(Role::Solver);
-    let stop = AtomicBool::new(false);
+    let stop = Arc::new(AtomicBool::new(false));
     let ended = std::thread::scope(|scope| {
         // However this ends, by a panic too: the scope waits for the solver.
         let stopping = Stopping(&stop);
         let solving = std::thread::Builder::new()
             .name("sutura-solve".to_owned())
             .spawn_scoped(scope, || {
+                // In the midst of a step, too.
+                work::stop_with(Some(stop.clone()));
                 solve_until(&stop, &link, plan, &log, solver, duty)
             });
         let ended = match &solving {
@@ -451,6 +454,9 @@ fn solve_until(
             }
             let spared = solver.spare(overload.effort());
             let solved = solver.solve(&state);
+            if work::is_stopped() {
+                return;
+            }
             let solve_time = heard.elapsed();
             warms = solved.warms;
             let felt = {
@@ -463,10 +469,16 @@ fn solve_until(
                 tally.horizon.took(solve_time.as_micros() as u64);
                 let horizon_us = tally.horizon.next_us();
                 let felt = solved.frames(state.body(), horizon_us, plan.rendering);
-                if let Some(felt) = felt.as_ref().filter(|_| armed) {
-                    tally.frame(state.console_time_us(), &felt.contact);
+                match armed {
+                    true => {
+                        let felt = tally.sendable(&solved, felt);
+                        if let Some(felt) = &felt {
+                            tally.frame(state.console_time_us(), &felt.contact);
+                        }
+                        felt
+                    }
+                    false => felt,
                 }
-                felt
             };
             if let Some(felt) = felt {
                 link.felt(state.console_time_us(), felt);

@@ -16,7 +16,7 @@ use super::summary::{
     Age, Energy, Force, Frames, Latency, Percentiles, SafeStop, StepTime, Summary,
 };
 use super::{Plan, Solved};
-use crate::link::{LinkCounters, Order, SentContact};
+use crate::link::{Felt, LinkCounters, Order, SentContact};
 use crate::step::Status;
 use crate::times::Times;
 use std::collections::{BTreeMap, VecDeque};
@@ -24,6 +24,7 @@ use std::time::Duration;
 use sutura_shared::control::{TICK_HZ, TicksLimited};
 use sutura_shared::wire::inputs;
 use sutura_shared::wire::message::{Command, Contact, Fixture, Mode, Report, State};
+use sutura_shared::wire::validate::{MAX_TANGENT, MAX_WRENCH};
 
 /// Everything that a session remembers of itself.
 #[derive(Debug)]
@@ -70,6 +71,8 @@ pub struct Statistics {
     forceful_used: u64,
     /// Why the newest steps were withheld, and how many in a row.
     withheld_last: Option<(&'static str, u64)>,
+    /// The same before the newest step.
+    withheld_before: Option<(&'static str, u64)>,
     /// Whether the needle waited in the newest step, and in how many it did.
     waits: bool,
     steps_waited: u64,
@@ -193,6 +196,7 @@ impl Statistics {
             forceful_us: VecDeque::with_capacity(MOST_UNDERWAY),
             forceful_used: 0,
             withheld_last: None,
+            withheld_before: None,
             waits: false,
             steps_waited: 0,
             steps_behind: 0,
@@ -396,13 +400,34 @@ impl Statistics {
         self.most_lag_m = self.most_lag_m.max(solved.lag_m);
         self.steps_outrun += u64::from(solved.outrun);
         self.inside_steps += u64::from(solved.status == Status::Inside);
-        if solved.contact.is_some() {
-            self.withheld_last = None;
-            return;
+        self.withheld_before = self.withheld_last.take();
+        if solved.contact.is_none() {
+            self.withhold(solved.status.name());
         }
-        let why = solved.status.name();
+    }
+
+    /// Takes note of the newest step's frames, and returns them unless the console would refuse them.
+    pub fn sendable(&mut self, solved: &Solved, frames: Option<Felt>) -> Option<Felt> {
+        let frames = frames?;
+        let Err(reject) = frames.check() else {
+            return Some(frames);
+        };
+        // The console ages out what it has.
+        let is_news = self
+            .withheld_before
+            .is_none_or(|(why, _)| why != UNSENDABLE);
+        if is_news {
+            tracing::warn!("a step is withheld: the console would refuse it: {reject}");
+        }
+        self.spoilt_steps += u64::from(solved.touched && !solved.unfinished);
+        self.withhold(UNSENDABLE);
+        None
+    }
+
+    /// Counts the newest step as withheld.
+    fn withhold(&mut self, why: &'static str) {
         *self.withheld.entry(why).or_default() += 1;
-        let before = self.withheld_last.map_or(0, |(_, steps)| steps);
+        let before = self.withheld_before.map_or(0, |(_, steps)| steps);
         self.withheld_last = Some((why, before + 1));
     }
 
@@ -474,8 +499,9 @@ impl Statistics {
         // The console's own force says nothing of it: a fixture has one, too.
         if self.forceful_steps > UNDERWAY && self.forceful_used == 0 {
             return Some(format!(
-                "{} steps found a force, and the console rendered none",
-                self.forceful_steps
+                "{} steps found a force, and the console rendered none{}",
+                self.forceful_steps,
+                self.beyond_frames()
             ));
         }
         let inside = Status::Inside.name();
@@ -483,7 +509,10 @@ impl Statistics {
         let withheld: u64 = withheld.map(|(_, steps)| steps).sum();
         let steps = self.steps_ns.count();
         if withheld as f64 > MOST_SPOILT * steps as f64 && withheld as f64 >= self.enough_steps() {
-            return Some(format!("{withheld} of {steps} steps were withheld"));
+            return Some(format!(
+                "{withheld} of {steps} steps were withheld{}",
+                self.beyond_frames()
+            ));
         }
         let is_found = self.forceful_steps > UNDERWAY && self.solved_peak_n > FELT_N;
         if is_found && self.peak_n < FAINT_N {
@@ -498,10 +527,22 @@ impl Statistics {
         let share = self.spoilt_steps as f64 / steps.max(1.0);
         (share > MOST_SPOILT && steps >= self.enough_steps()).then(|| {
             format!(
-                "{:.0} % of the steps in contact were withheld or not balanced",
-                1e2 * share
+                "{:.0} % of the steps in contact were withheld or not balanced{}",
+                1e2 * share,
+                self.beyond_frames()
             )
         })
+    }
+
+    /// Names the steps whose numbers no frame takes, if there are any.
+    fn beyond_frames(&self) -> String {
+        match self.withheld.get(UNSENDABLE) {
+            Some(steps) => format!(
+                ": in {steps} steps force or stiffness was beyond what a frame takes ({MAX_WRENCH:.0e} N, {MAX_TANGENT:.0e} N/m); up to {:.4e} N were found",
+                self.solved_peak_n
+            ),
+            None => String::new(),
+        }
     }
 
     /// Why a force was felt that no step found, if one was.
@@ -571,10 +612,15 @@ impl Statistics {
     /// Compares the felt force with the solved one, if it was cut off.
     fn cut_off(&self) -> Option<String> {
         let words = self.cut_words()?;
-        Some(format!(
-            "{words}: {:.3} N were felt of {:.3} N that steps found",
-            self.peak_n, self.solved_peak_n
-        ))
+        let felt_n = self.peak_n;
+        // A console's own force is beside what steps find.
+        Some(match self.had_fixture {
+            true => format!("{words}: {felt_n:.3} N were felt, the fixture's force among them"),
+            false => format!(
+                "{words}: {felt_n:.3} N were felt of {:.3} N that steps found",
+                self.solved_peak_n
+            ),
+        })
     }
 
     /// The session's ending, by the console's mode and faults at its end.
@@ -620,7 +666,7 @@ impl Statistics {
     fn withheld(&self, link: &LinkCounters) -> BTreeMap<&'static str, u64> {
         let mut withheld = self.withheld.clone();
         if link.contacts_unsendable > 0 {
-            withheld.insert(UNSENDABLE, link.contacts_unsendable);
+            *withheld.entry(UNSENDABLE).or_default() += link.contacts_unsendable;
         }
         withheld
     }
@@ -950,6 +996,7 @@ mod tests {
     fn in_contact(force_n: f64) -> Solved {
         let mut contact = ToolContact::default();
         contact.wrench[2] = force_n;
+        contact.normal = [0.0, 0.0, 1.0];
         Solved {
             contact: Some(contact),
             status: Status::Ok,
@@ -1188,6 +1235,48 @@ mod tests {
         assert_eq!(last(&tally), Some(("inside", 2)));
         tally.step(&in_contact(1.0), Duration::ZERO);
         assert_eq!(last(&tally), None);
+    }
+
+    /// Force and stiffness beyond a frame's range are withheld, and named as the cause of the session's ending.
+    #[test]
+    fn steps_beyond_what_a_frame_takes_are_the_cause_that_is_named() {
+        let idle = State {
+            mode: Mode::Idle,
+            ..state(100, 0.0, 0.0)
+        };
+        let stiff = Solved {
+            contact: Some(ToolContact {
+                tangent: [[1e9; 6]; 6],
+                ..in_contact(20.0).contact.expect("a contact")
+            }),
+            ..in_contact(20.0)
+        };
+        for beyond in [in_contact(2e4), stiff] {
+            let mut tally = Statistics::new(200.0);
+            let step = |tally: &mut Statistics, solved: &Solved| {
+                tally.step(solved, Duration::ZERO);
+                let frames = solved.frames(&state(0, 0.0, 0.0), 40_000, Rendering::Tangent);
+                let frames = tally.sendable(solved, frames);
+                if let Some(frames) = &frames {
+                    tally.frame(1, &frames.contact);
+                    tally.fate(&sent(1), Fate::Used { age_us: 5_000 });
+                }
+                frames.is_some()
+            };
+            tally.state(&state(1, 0.0, 2.0));
+            (0..20).for_each(|_| assert!(step(&mut tally, &in_contact(1.0))));
+            (0..60).for_each(|_| assert!(!step(&mut tally, &beyond)));
+            tally.state(&idle);
+            let summary = tally.summary(&LinkCounters::default(), 1000);
+            assert_eq!(summary.withheld_last, Some((UNSENDABLE, 60)));
+            assert_eq!(summary.steps_withheld, BTreeMap::from([(UNSENDABLE, 60)]));
+            assert_eq!(summary.mostly_withheld(), Some(UNSENDABLE));
+            let said = &summary.status;
+            assert!(
+                said.starts_with("not-rendered: 60 of 80") && said.contains("(1e4 N, 1e7 N/m)"),
+                "{said}"
+            );
+        }
     }
 
     #[test]

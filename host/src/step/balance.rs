@@ -23,9 +23,15 @@ use crate::needle::{MOST_GROUPS, NeedleWork};
 use crate::rod::{BarWork, TouchWork as RodWork};
 use crate::source::tool::ToolWork;
 use crate::thread::ThreadWork;
+use crate::work;
 use nalgebra::Vector3;
 use std::cell::Cell;
 
+/// Most effort of one step, some seconds of a core: iterations of its solves, each at a price of `n (n + CONE_EFFORT)` for n rows.
+/// Steps of usual scenes take less than a hundredth of it; one that has taken it is given up.
+pub(super) const MOST_EFFORT: f64 = 4e9;
+/// Price of a row by itself, over that of an entry of the compliance: cones that slip are searched for their direction.
+const CONE_EFFORT: f64 = 1000.0;
 /// Most solves of one balance.
 const MOST_SOLVES: u32 = 64;
 
@@ -42,6 +48,8 @@ pub(crate) struct BalanceWork {
     pub touch: Option<TouchWork>,
     pub rods: RodWork,
     pub bars: BarWork,
+    /// Effort that is left to the step; without an end outside of steps. See [`MOST_EFFORT`].
+    pub effort_left: f64,
     saved: Kept,
 }
 
@@ -88,6 +96,7 @@ impl BalanceWork {
                 .map(|touching| TouchWork::new(touching, sources.mesh.nodes())),
             rods: RodWork::new(sources),
             bars: BarWork::new(sources),
+            effort_left: f64::INFINITY,
             saved: Kept::new(sources, state, state.grasp.motion().clone()),
         }
     }
@@ -287,6 +296,9 @@ impl<'a> Balance<'a> {
 
     /// The `solve`th solve of a balance.
     fn solve(&mut self, solve: u32) -> Result<(), Status> {
+        if self.work.effort_left < 0.0 || work::is_stopped() {
+            return Err(Status::NotConverged);
+        }
         self.append();
         self.assemble(solve, self.vertices_left())?;
         let BalanceWork {
@@ -294,6 +306,7 @@ impl<'a> Balance<'a> {
             set,
             tools,
             nodes,
+            effort_left,
             ..
         } = &mut *self.work;
         let mut turning = tools.turning_mut();
@@ -302,6 +315,8 @@ impl<'a> Balance<'a> {
         }
         let outcome = system.solve(&set.rows, turning, &mut self.state.grasp);
         self.report.iterations += outcome.iterations;
+        let rows = set.count() as f64;
+        *effort_left -= f64::from(outcome.iterations) * rows * (rows + CONE_EFFORT);
         self.report.solves += 1;
         self.report.residual = outcome.residual;
         self.clock.lap(&mut self.report.stages.solve_ns);

@@ -27,6 +27,8 @@ pub struct StepOptions {
     /// So far around the tip of a needle outside surfaces are looked for \[m\], for
     /// [`NeedleReport::near`](crate::needle::NeedleReport::near); 0: they are not.
     pub tip_reach_m: f64,
+    /// Most effort of its solves, if not as much as any step has; for iterations that do not end.
+    pub most_effort: Option<f64>,
 }
 
 impl StepOptions {
@@ -41,6 +43,7 @@ impl StepOptions {
             without_tools: false,
             tangents: None,
             tip_reach_m: 0.0,
+            most_effort: None,
         }
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Entry points: [`step`], [`try_step`].
 
-use super::balance::Balance;
+use super::balance::{Balance, MOST_EFFORT};
 use super::console::reduce_tools;
 use super::options::StepOptions;
 use super::prefetch;
@@ -164,6 +164,7 @@ impl Step<'_> {
         self.take_over_tissue();
         self.state.begin_way(sources, &targets, &mut moment);
         self.work.balance.needles.fall_s = moment.fall_s();
+        self.work.balance.effort_left = self.options.most_effort.unwrap_or(MOST_EFFORT);
         self.work.keep(self.state);
         let mut status = self.take_passes(&targets);
         // Nothing is said of rows that the forces do not belong to.

@@ -86,7 +86,7 @@ pub fn run(args: &SceneArgs, global: &Global) -> Result<(), Failure> {
             let schema = scene::schema();
             match global.format {
                 Format::Json => say!("{schema}"),
-                Format::Text => say!("{schema:#}"),
+                Format::Text => display::lines(&format!("{schema:#}")),
             }
             Ok(())
         }
@@ -274,11 +274,13 @@ fn print_components(path: &Path, global: &Global) -> Result<(), Failure> {
     }
     say!("{}: {} tissue", scene.name, scene.tissue.word());
     let (built, absent): (Vec<_>, Vec<_>) = components.iter().partition(|part| part.built);
-    say!("\nbuilt                               rows     memory          time");
+    say!("");
+    say!("built                               rows     memory          time");
     for part in built {
         line(part);
     }
-    say!("\nnot built");
+    say!("");
+    say!("not built");
     for part in absent {
         line(part);
     }

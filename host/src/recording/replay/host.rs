@@ -9,6 +9,7 @@ use super::super::samples::SolveSample;
 use super::sessions::{Session, parse, sessions};
 use crate::link::Felt;
 use crate::session::{Plan, SceneSolver, Solve, Solved};
+use crate::work;
 use std::collections::HashMap;
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -200,7 +201,12 @@ pub fn replay_host_while(
             ));
             break;
         };
-        let here = match run.step(solver, &state, sample, &mut verdict) {
+        let here = run.step(solver, &state, sample, &mut verdict);
+        // A step that was given up on the way is not the recorded one.
+        if work::is_stopped() {
+            break;
+        }
+        let here = match here {
             Ok(here) => here,
             Err(how) => {
                 verdict.diverged_step = Some(index);

@@ -176,6 +176,9 @@ impl Constrained {
         let mut passes = 0;
         for _ in 0..MOST_STEPS {
             let report = self.step(&to, &options);
+            if work::is_stopped() {
+                return Err(TissueError::Stopped.into());
+            }
             match report.status {
                 // A step looks before it moves: only the next one knows what this one left.
                 Status::Ok
@@ -191,9 +194,6 @@ impl Constrained {
                     });
                 }
                 stuck => return Err(SolveError::NoRest(stuck)),
-            }
-            if work::is_stopped() {
-                return Err(TissueError::Stopped.into());
             }
             if passes > MOST_PASSES {
                 return Err(SolveError::NoRest(Status::NotConverged));
