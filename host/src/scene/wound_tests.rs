@@ -259,7 +259,7 @@ const SLIPS: &[Slip] = &[
     Slip {
         from: "friction = 0.1",
         to: "friction = -0.1",
-        message: "friction = -0.1: must be zero or positive",
+        message: "friction = -0.1: must be between 0 and 10",
         under: "-0.1",
         help: "Coulomb",
     },
@@ -732,7 +732,7 @@ fn errors_of_parts_have_their_place() {
             ModelError::from(TouchError::NoFaces { part: 1 }),
             "[[tissue_contact]]",
         ),
-        (ModelError::from(TissueError::AllFixed(9)), "[[mesh.part]]"),
+        (ModelError::from(TissueError::AllFixed(9)), "mesh.part]]"),
         (
             ModelError::from(NeedleError::Property {
                 what: "cutting_pa",
