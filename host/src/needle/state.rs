@@ -33,9 +33,6 @@ pub(crate) struct NeedleState {
     /// Largest force on its body on the way in, and its place.
     #[serde(skip)]
     pub hardest: Option<Hardest>,
-    /// Middle of its body before the step in which that came into the tissue \[m\], (3), until it is out on a side that is no wall.
-    #[serde(skip)]
-    pub sunk_from: Option<Vector3<f64>>,
     /// A boundary face that the tip let go of from outside: it may have been dragged on below it.
     pub left: Option<Crossing>,
     /// Poses since the tip first touched the face that it holds.
@@ -181,7 +178,6 @@ impl NeedleState {
             touches: Vec::with_capacity(if part.body { MOST_TOUCHES } else { 0 }),
             is_near: true,
             hardest: None,
-            sunk_from: None,
             left: None,
             log: Vec::with_capacity(LOG),
             log_skipped: 0,
@@ -206,7 +202,6 @@ impl NeedleState {
             touches,
             is_near,
             hardest,
-            sunk_from,
             left,
             log,
             log_skipped,
@@ -226,7 +221,6 @@ impl NeedleState {
         touches.clone_from(&other.touches);
         *is_near = other.is_near;
         *hardest = other.hardest;
-        *sunk_from = other.sunk_from;
         *left = other.left;
         log.clone_from(&other.log);
         *log_skipped = other.log_skipped;

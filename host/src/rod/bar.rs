@@ -110,9 +110,6 @@ pub(crate) struct BarState {
     /// Whether it has come into the tissue, and has not been outside since.
     #[serde(skip)]
     pub is_sunk: bool,
-    /// Its middle before the step in which it came into the tissue \[m\], (3), until it has come out on a side that is no wall.
-    #[serde(skip)]
-    pub sunk_from: Option<Vector3<f64>>,
     /// Largest force on its way in, and its place.
     #[serde(skip)]
     pub hardest: Option<Hardest>,
@@ -129,7 +126,6 @@ impl BarState {
             is_near: true,
             next_id: 0,
             is_sunk: false,
-            sunk_from: None,
             hardest: None,
         }
     }
@@ -144,14 +140,12 @@ impl BarState {
             is_near,
             next_id,
             is_sunk,
-            sunk_from,
             hardest,
         } = self;
         *tool = other.tool;
         (*pose, *has_been_outside) = (other.pose, other.has_been_outside);
         (*is_near, *next_id) = (other.is_near, other.next_id);
         (*is_sunk, *hardest) = (other.is_sunk, other.hardest);
-        *sunk_from = other.sunk_from;
         touches.clone_from(&other.touches);
     }
 

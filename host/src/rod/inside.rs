@@ -6,9 +6,9 @@
 
 use super::shape::Rod;
 use crate::model::Model;
-use crate::needle::{Curve, What};
+use crate::needle::What;
 use crate::source::tool::Hardest;
-use crate::step::{Balance, Sources, SourcesState};
+use crate::step::{Balance, SourcesState};
 use crate::thread::Obstacle;
 use crate::tool::Placement;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -33,15 +33,6 @@ impl Balance<'_> {
         let (Some(pose), Some(rod)) = (state.pose, self.bar_rod(bar)) else {
             return false;
         };
-        let is_walled_off = state
-            .sunk_from
-            .is_some_and(|from| is_walled_off(model, &from, &rod));
-        let state = &mut self.state.bars[bar];
-        if is_walled_off {
-            (state.has_been_outside, state.is_sunk) = (false, true);
-        } else if ends && state.has_been_outside {
-            state.sunk_from = None;
-        }
         if !state.has_been_outside {
             return ends && (state.is_sunk || self.is_axis_enclosed(model, &rod, |_| true));
         }
@@ -63,14 +54,6 @@ impl Balance<'_> {
         let Some(rod) = self.shaft_rod(needle) else {
             return false;
         };
-        if let Some(from) = self.state.each[needle].sunk_from {
-            if is_walled_off(model, &from, &rod) {
-                return ends;
-            }
-            if ends {
-                self.state.each[needle].sunk_from = None;
-            }
-        }
         let points = self.work.needles.points.iter().enumerate();
         let touches = |what: What| matches!(what, What::Touch(_));
         let own = points.filter(|(_, point)| point.needle == needle && touches(point.what));
@@ -103,36 +86,16 @@ impl Balance<'_> {
 
 impl SourcesState {
     /// Forgets the contact of a body: it starts afresh outside.
-    pub(crate) fn forget_body(&mut self, sources: &Sources, body: Obstacle) {
+    pub(crate) fn forget_body(&mut self, body: Obstacle) {
         match body {
-            Obstacle::Bar(bar) => {
-                let state = &mut self.bars[bar];
-                let curve = state
-                    .pose
-                    .and_then(|pose| sources.bars[bar].bar.curve(&pose));
-                state.sunk_from = state
-                    .sunk_from
-                    .or_else(|| curve.map(|curve| middle(&curve)));
-                state.forget();
-            }
+            Obstacle::Bar(bar) => self.bars[bar].forget(),
             Obstacle::Needle(needle) => {
                 let state = &mut self.each[needle];
-                let curve = sources.needles[needle].needle.at(&state.pose);
-                state.sunk_from = state.sunk_from.or_else(|| Some(middle(&curve)));
                 state.touches.clear();
                 state.hardest = None;
             }
         }
     }
-}
-
-fn middle(curve: &Curve) -> Vector3<f64> {
-    curve.at(0.5 * curve.length)
-}
-
-/// Whether a rod that came into the tissue `from` a place is on the other side of what is held.
-fn is_walled_off(model: &Model, from: &Vector3<f64>, rod: &Rod) -> bool {
-    model.is_behind_wall(from, Some(from), &middle(&rod.curve))
 }
 
 /// Updates the largest force on a rod on its way in by `force` \[N\]; also returns whether that pushes it onward.

@@ -177,7 +177,7 @@ impl Step<'_> {
                 self.state.tools.forget(&sources.tools, tool);
             }
             Some(Slipped::Body(body)) if status == Status::Inside => {
-                self.state.forget_body(sources, body);
+                self.state.forget_body(body);
             }
             _ => {}
         }

@@ -92,8 +92,12 @@ fn push_through(hand: &mut Hand, [x, y]: [f64; 2], axis_m: f64, stride_m: f64, w
         match report.status {
             Status::Ok => {
                 let force_n = force_n(&report).z;
-                // What is held below is a wall: there it does not come out.
-                assert_eq!(inside, 0, "{place}");
+                // Said to be inside it is felt again once it is outside, which it may be below.
+                if inside > 0 {
+                    assert!(height_m < axis_m - 0.03, "{place}");
+                    assert_eq!(force_n, 0.0, "{place}");
+                    continue;
+                }
                 assert!(force_n >= 0.0, "{place}: it pulls by {force_n} N");
                 let is_in = height_m < axis_m - 1e-3 && height_m > axis_m - 0.03;
                 assert!(

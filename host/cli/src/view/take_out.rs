@@ -12,6 +12,8 @@ use sutura_shared::wire::message::{HandScript, State};
 
 /// Wait between the end of the way and arming, in which the hand's spring comes to rest \[s\].
 pub const RESTS_S: f64 = 0.2;
+/// Distance within which a grip is where a solve had it \[m\]: nobody solves while a console is disarmed.
+const SAME_PLACE_M: f64 = 5e-3;
 /// Further ways if the hand's spring has left the tool short of the first one's end.
 pub const MORE_WAYS: u8 = 3;
 /// Refusal for a tool that is clear already, and the next step.
@@ -63,7 +65,8 @@ impl TakeOut {
         };
         let mut out = Vector3::from(self.ways.from(grip).ok_or_else(no_way)?);
         if out == Vector3::zeros()
-            && let Some(Withheld { clear_m }) = withheld
+            && let Some(Withheld { at_m, clear_m }) = withheld
+            && Vector3::from(at_m).metric_distance(&grip.position_m.into()) < SAME_PLACE_M
         {
             out = Vector3::from(clear_m.ok_or_else(no_way)?) - Vector3::from(grip.position_m);
         }

@@ -28,6 +28,8 @@ const CLEAR_M: f64 = 1e-3;
 /// Last place of the grip at which its tool touched nothing, for one of which the newest solve found no balance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Withheld {
+    /// Position of the grip in that solve \[m\].
+    pub at_m: [f64; 3],
     /// Position of the grip \[m\]; none if there was no such place.
     pub clear_m: Option<[f64; 3]>,
 }
@@ -56,8 +58,8 @@ struct Inner {
     grips: VecDeque<(u64, [f64; 3])>,
     /// Newest grip position at which the tool touched nothing \[m\], and its clearance there \[m\].
     clear: Option<([f64; 3], f64)>,
-    /// Whether the newest solve found no balance.
-    is_withheld: bool,
+    /// Grip position of the newest solve \[m\], if that found no balance.
+    withheld_m: Option<[f64; 3]>,
 }
 
 impl Telemetry {
@@ -76,7 +78,7 @@ impl Telemetry {
             stopped_by: None,
             grips: VecDeque::with_capacity(MOST_GRIPS),
             clear: None,
-            is_withheld: false,
+            withheld_m: None,
         };
         Self {
             inner: Mutex::new(inner),
@@ -173,7 +175,7 @@ impl Telemetry {
     pub fn withheld(&self) -> Option<Withheld> {
         let inner = self.lock();
         let clear_m = inner.clear.map(|(clear_m, _)| clear_m);
-        inner.is_withheld.then_some(Withheld { clear_m })
+        inner.withheld_m.map(|at_m| Withheld { at_m, clear_m })
     }
 
     /// Somebody has asked for a safe stop.
@@ -270,18 +272,21 @@ impl Inner {
         if sample.status == Status::Waiting.name() {
             return;
         }
-        self.is_withheld = ![Status::Ok, Status::Behind]
-            .map(Status::name)
-            .contains(&sample.status.as_str());
+        let mut grips = self.grips.iter();
+        let own = grips.find(|(time_us, _)| *time_us == sample.console_time_us);
+        let Some((_, grip_m)) = own.copied() else {
+            return;
+        };
+        let found = [Status::Ok, Status::Behind].map(Status::name);
+        let is_found = found.contains(&sample.status.as_str());
+        self.withheld_m = (!is_found).then_some(grip_m);
         let gap_m = sample.gap_m.unwrap_or(f64::MAX).min(CLEAR_M);
         let least_m = self.clear.map_or(0.0, |(_, gap_m)| gap_m);
         if sample.status != Status::Ok.name() || sample.rows > 0 || gap_m <= 0.0 || gap_m < least_m
         {
             return;
         }
-        let mut grips = self.grips.iter();
-        let own = grips.find(|(time_us, _)| *time_us == sample.console_time_us);
-        self.clear = own.map(|(_, grip_m)| (*grip_m, gap_m)).or(self.clear);
+        self.clear = Some((grip_m, gap_m));
     }
 
     fn event(&mut self, what: &str, text: &str, help: &str) {
