@@ -66,7 +66,7 @@ impl TakeOut {
         let mut out = Vector3::from(self.ways.from(grip).ok_or_else(no_way)?);
         if out == Vector3::zeros()
             && let Some(Withheld { at_m, clear_m }) = withheld
-            && Vector3::from(at_m).metric_distance(&grip.position_m.into()) < SAME_PLACE_M
+            && (Vector3::from(at_m) - Vector3::from(grip.position_m)).norm() < SAME_PLACE_M
         {
             out = Vector3::from(clear_m.ok_or_else(no_way)?) - Vector3::from(grip.position_m);
         }
