@@ -50,23 +50,26 @@ fn a_file_that_cannot_be_made_is_refused_before_the_work() {
     let folder = tempfile::tempdir().expect("a folder");
     let at = folder.path();
     let scene = root().join("scenes/cube-handle.toml").display().to_string();
-    std::os::unix::fs::symlink("nowhere", at.join("dangling")).expect("a link");
-    for (to, words) in [
-        ("none/a", "cannot write none/a"),
-        ("dangling", "dangling is there already"),
+    for (line, ending) in [
+        (&["solve", &scene, "--out"][..], "json"),
+        (&["view", &scene, "--shot"], "png"),
+        (&[&SESSION[..], &["--record"]].concat(), "mcap"),
+        (&[&SESSION[..], &["--save-last"]].concat(), "mcap"),
     ] {
-        for line in [
-            &["solve", &scene, "--out", to][..],
-            &["view", &scene, "--shot", to],
-            &[&SESSION[..], &["--record", to]].concat(),
-            &[&SESSION[..], &["--save-last", to]].concat(),
+        let link = format!("dangling.{ending}");
+        let _ = std::os::unix::fs::symlink("nowhere", at.join(&link));
+        let missing = format!("none/a.{ending}");
+        for (to, words) in [
+            (&missing, format!("cannot write {missing}")),
+            (&link, format!("{link} is there already")),
         ] {
-            let ran = sutura_in(at, line);
+            let line = [line, &[to]].concat();
+            let ran = sutura_in(at, &line);
             assert_eq!(ran.code, 2, "{line:?}: {}", ran.stderr);
-            assert!(ran.stderr.contains(words), "{line:?}: {}", ran.stderr);
+            assert!(ran.stderr.contains(&words), "{line:?}: {}", ran.stderr);
         }
+        assert!(at.join(&link).is_symlink());
     }
-    assert!(at.join("dangling").is_symlink());
 }
 
 /// Hours of work are not begun for a folder that could not be written, or that has something in it.

@@ -46,20 +46,6 @@ pub struct Arguments {
     pub sutura: Option<PathBuf>,
 }
 
-impl Arguments {
-    /// A drawn hundred of all.
-    pub fn drawn() -> Self {
-        Self {
-            full: false,
-            seed: None,
-            scene: None,
-            key: None,
-            count: DRAWN,
-            sutura: None,
-        }
-    }
-}
-
 /// A shipped scene.
 struct Scene {
     path: PathBuf,

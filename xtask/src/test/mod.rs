@@ -11,7 +11,7 @@ pub use seeds::Cases;
 
 use crate::run::{Beside, Tool, root, target};
 use crate::toolchain::{Toolchain, host};
-use crate::{aarch64, book, firmware, locks, python, setup, sweep};
+use crate::{aarch64, book, firmware, locks, python, setup};
 use anyhow::{Context, Result, bail};
 use report::{Kind, Report};
 
@@ -169,17 +169,14 @@ fn steps(report: &mut Report, cases: Cases) {
     // What the page's tests wait for leaves time: all that does not build the command runs beside them.
     let page = page(cases).map(Tool::beside);
     tests(report, cases);
-    let sweep = sweep::Arguments {
-        seed: cases.seed,
-        ..sweep::Arguments::drawn()
-    };
-    report.step(
-        Kind::Tests,
-        "numbers of scenes",
-        "cargo xtask sweep",
-        |_| sweep::all(&sweep),
-    );
-    // On one core, and of figures that do not depend on what else runs: beside what leaves the other one.
+    // On one core each, and of figures that do not depend on what else runs: beside what leaves the other one.
+    let sweep = Tool::own().map(|own| {
+        let own = own.arg("sweep");
+        match cases.seed {
+            Some(seed) => own.arg("--seed").arg(&seed.to_string()).beside(),
+            None => own.beside(),
+        }
+    });
     let counts = Tool::own().map(|own| own.arg("bench").beside());
     let again = if cases.full {
         "cargo xtask python --full"
@@ -205,6 +202,12 @@ fn steps(report: &mut Report, cases: Cases) {
         [documents(workspace("doc --lib --examples --no-deps"))]
             .into_iter()
             .chain(boards("doc --no-deps --lib").into_iter().map(documents)),
+    );
+    report.step(
+        Kind::Tests,
+        "numbers of scenes",
+        "cargo xtask sweep",
+        |_| sweep?.wait(),
     );
     report.step(
         Kind::Tests,
