@@ -373,45 +373,6 @@ fn a_tool_that_has_slipped_in_is_taken_out_and_armed() {
     assert_eq!(running.stop().0, 0);
 }
 
-/// A ball that a hand pushes through the slab and the floor below is inside there, too; taken out it is armed where it is clear.
-#[test]
-fn a_tool_behind_the_floor_is_taken_out_as_well() {
-    let scene = root().join("scenes/palpation.toml");
-    let running = Running::start(&["view", scene.to_str().unwrap(), "--view-port", "0"]);
-    let mut client = running.client();
-    let hello = client.hello();
-    client.event("armed");
-    client.does(json!({"do": "drag", "to_m": [0.02, 0.01, -0.034]}));
-    // The last picture is of the last solve: there is none while nobody holds the grip.
-    let mut last = None;
-    let idle = client.until(|message| match message {
-        Message::Binary(bytes) if bytes[0] == 2 => {
-            last = Some(bytes.to_vec());
-            None
-        }
-        Message::Text(text) => {
-            let value: Value = serde_json::from_str(text).unwrap();
-            (value["kind"] == "gauges" && value["mode"] == "idle").then_some(value)
-        }
-        _ => None,
-    });
-    assert!(idle["stopped_by"].is_null(), "{idle}");
-    let behind = last.expect("a picture");
-    assert_eq!(word(&behind, &hello), "inside");
-    assert!(grip(&behind)[2] < -0.03, "{:?}", grip(&behind));
-    client.does(json!({"do": "take_out"}));
-    client.event("armed");
-    let out = |message: &Message| match message {
-        Message::Binary(bytes) if bytes[0] == 2 && word(bytes, &hello) == "ok" => Some(grip(bytes)),
-        _ => None,
-    };
-    let at = client.until(out);
-    assert!(at[2] > 0.014, "{at:?}");
-    client.does(json!({"do": "drag", "to_m": [0.02, 0.01, 0.008]}));
-    client.text(|value| value["force_n"].as_f64() > Some(0.3));
-    assert_eq!(running.stop().0, 0);
-}
-
 /// A page ends a recording and begins another one, of a scene that it has changed, and saves the last seconds beside them.
 #[test]
 fn a_page_changes_a_scene_records_and_saves() {

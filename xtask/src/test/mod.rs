@@ -173,7 +173,7 @@ fn steps(report: &mut Report, cases: Cases) {
     let sweep = Tool::own().map(|own| {
         let own = own.arg("sweep");
         match cases.seed {
-            Some(seed) => own.arg("--seed").arg(&seed.to_string()).beside(),
+            Some(seed) => own.arg("--seed").arg(seed.to_string()).beside(),
             None => own.beside(),
         }
     });

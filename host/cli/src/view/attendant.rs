@@ -90,8 +90,7 @@ impl PageAttendant {
             return Err(("the console has said nothing yet".to_owned(), "wait for it"));
         };
         let now_s = since.elapsed().as_secs_f64();
-        let from = (&grip, self.telemetry.withheld());
-        let Some((script, way_s)) = out.way(guide, now_s, from)? else {
+        let Some((script, way_s)) = out.way(guide, now_s, &grip)? else {
             return Ok(false);
         };
         self.orders

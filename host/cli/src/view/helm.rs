@@ -347,8 +347,7 @@ impl<'a> Helm<'a> {
             let message = "the console's grip carries nothing that could be in the tissue";
             return Err((message.to_owned(), "arm the console"));
         };
-        let from = (&grip, self.show.telemetry().withheld());
-        let Some((script, way_s)) = out.way(&mut self.guide, now_s, from)? else {
+        let Some((script, way_s)) = out.way(&mut self.guide, now_s, &grip)? else {
             return Ok(false);
         };
         orders.push(Order::Simulate(Simulate::Hand(script)));

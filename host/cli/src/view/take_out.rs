@@ -3,7 +3,6 @@
 //! Entry point: [`TakeOut::way`]: the console is disarmed, its hand follows ways until the tool is clear, and it is armed again.
 
 use super::guide::Guide;
-use super::telemetry::Withheld;
 use nalgebra::Vector3;
 use sutura_host::scene::{Pose, Scene, joints_at};
 use sutura_host::session::{Plan, SceneSolver, WayOut};
@@ -12,12 +11,13 @@ use sutura_shared::wire::message::{HandScript, State};
 
 /// Wait between the end of the way and arming, in which the hand's spring comes to rest \[s\].
 pub const RESTS_S: f64 = 0.2;
-/// Distance within which a grip is where a solve had it \[m\]: nobody solves while a console is disarmed.
-const SAME_PLACE_M: f64 = 5e-3;
 /// Further ways if the hand's spring has left the tool short of the first one's end.
 pub const MORE_WAYS: u8 = 3;
 /// Refusal for a tool that is clear already, and the next step.
-pub const IS_CLEAR: (&str, &str) = ("the tool is not in the tissue", "arm the console");
+pub const IS_CLEAR: (&str, &str) = (
+    "the tool is not in the tissue",
+    "arm the console; if it lets go again the tool is behind what is held, and `Start again` begins with the tool outside",
+);
 /// Words for a tool that all of them have left in the tissue.
 pub const STILL_INSIDE: &str = "the tool is still in the tissue, and the console stays disarmed: `Start again` begins with the tool outside";
 
@@ -47,8 +47,7 @@ impl TakeOut {
         })
     }
 
-    /// Returns the hand's targets for a grip at a pose, and their duration \[s\]; none if the tool is clear already. A tool that
-    /// is clear while the solver has `withheld` its force is behind what is held: it goes back to where it was clear last.
+    /// Returns the hand's targets for a grip at a pose, and their duration \[s\]; none if the tool is clear already.
     ///
     /// # Errors
     /// There is no way, or the console does not reach to its end.
@@ -56,20 +55,16 @@ impl TakeOut {
         &self,
         guide: &mut Guide,
         now_s: f64,
-        (grip, withheld): (&Pose, Option<Withheld>),
+        grip: &Pose,
     ) -> Result<Option<(HandScript, f64)>, NoWay> {
         let help = "`Start again` begins with the tool outside";
-        let no_way = || {
-            let message = "there is no way out of the tissue from here";
-            (message.to_owned(), help)
-        };
-        let mut out = Vector3::from(self.ways.from(grip).ok_or_else(no_way)?);
-        if out == Vector3::zeros()
-            && let Some(Withheld { at_m, clear_m }) = withheld
-            && (Vector3::from(at_m) - Vector3::from(grip.position_m)).norm() < SAME_PLACE_M
-        {
-            out = Vector3::from(clear_m.ok_or_else(no_way)?) - Vector3::from(grip.position_m);
-        }
+        let out = self.ways.from(grip).ok_or_else(|| {
+            (
+                "there is no way out of the tissue from here".to_owned(),
+                help,
+            )
+        })?;
+        let out = Vector3::from(out);
         let Some(normal) = out.try_normalize(0.0) else {
             return Ok(None);
         };

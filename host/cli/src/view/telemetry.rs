@@ -6,33 +6,17 @@ use super::gauges::Gauges;
 use super::live::Tap;
 use super::take_out::grip;
 use serde_json::{Map, Value, json};
-use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use sutura_host::picture::{SolveRow, SolvesOf, TickRow, encode_solves, encode_ticks};
 use sutura_host::recording::{Passed, Seen, SolveSample};
 use sutura_host::scene::Pose;
 use sutura_host::session::{LimitedTicks, LinkSummary, fault_words};
-use sutura_host::step::Status;
 use sutura_shared::wire::faults;
 use sutura_shared::wire::message::{Mode, Report, State};
 use sutura_view::Shared;
 
 /// Most rows that wait to be shown: of ticks that nobody takes for so long nobody would see.
 const MOST: usize = 20_000;
-
-/// Most states that may be newer than the newest solve of one of them.
-const MOST_GRIPS: usize = 512;
-/// Clearance of a tool that is plainly beside the tissue \[m\].
-const CLEAR_M: f64 = 1e-3;
-
-/// Last place of the grip at which its tool touched nothing, for one of which the newest solve found no balance.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Withheld {
-    /// Position of the grip in that solve \[m\].
-    pub at_m: [f64; 3],
-    /// Position of the grip \[m\]; none if there was no such place.
-    pub clear_m: Option<[f64; 3]>,
-}
 
 /// What a session has to show.
 pub struct Telemetry {
@@ -54,12 +38,6 @@ struct Inner {
     punctures: u32,
     /// Name of the person who asked for a safe stop; cleared when the console is armed.
     stopped_by: Option<&'static str>,
-    /// Newest grip positions \[m\], each with its console time \[us\].
-    grips: VecDeque<(u64, [f64; 3])>,
-    /// Newest grip position at which the tool touched nothing \[m\], and its clearance there \[m\].
-    clear: Option<([f64; 3], f64)>,
-    /// Grip position of the newest solve \[m\], if that found no balance.
-    withheld_m: Option<[f64; 3]>,
 }
 
 impl Telemetry {
@@ -76,9 +54,6 @@ impl Telemetry {
             faults: 0,
             punctures: 0,
             stopped_by: None,
-            grips: VecDeque::with_capacity(MOST_GRIPS),
-            clear: None,
-            withheld_m: None,
         };
         Self {
             inner: Mutex::new(inner),
@@ -171,13 +146,6 @@ impl Telemetry {
         self.lock().gauges.newest().map(grip)
     }
 
-    /// Returns where the tool was clear last, if the solver says that it is in the tissue, or finds no balance there.
-    pub fn withheld(&self) -> Option<Withheld> {
-        let inner = self.lock();
-        let clear_m = inner.clear.map(|(clear_m, _)| clear_m);
-        inner.withheld_m.map(|at_m| Withheld { at_m, clear_m })
-    }
-
     /// Somebody has asked for a safe stop.
     pub fn safe_stop(&self, by: &'static str) {
         self.lock().stopped_by = Some(by);
@@ -196,11 +164,6 @@ impl Inner {
     }
 
     fn state(&mut self, console_time_us: u64, state: &State) {
-        if self.grips.len() == MOST_GRIPS {
-            self.grips.pop_front();
-        }
-        self.grips
-            .push_back((console_time_us, state.position_m.map(f64::from)));
         let renders = matches!(state.mode, Mode::Armed | Mode::Decaying);
         if self.began_us.is_none() {
             if !renders {
@@ -254,7 +217,6 @@ impl Inner {
     fn solve(&mut self, sample: &SolveSample) {
         let time_s = self.time_s(sample.console_time_us);
         self.gauges.solve(sample);
-        self.note_place(sample);
         let before = std::mem::replace(&mut self.punctures, sample.punctures);
         if sample.punctures > before {
             self.event("puncture", "a needle has broken through a boundary", "");
@@ -265,28 +227,6 @@ impl Inner {
                 sample: sample.clone(),
             });
         }
-    }
-
-    /// Takes note of where the tool is clear of the tissue, and of solves without balance. While columns are awaited neither is known.
-    fn note_place(&mut self, sample: &SolveSample) {
-        if sample.status == Status::Waiting.name() {
-            return;
-        }
-        let mut grips = self.grips.iter();
-        let own = grips.find(|(time_us, _)| *time_us == sample.console_time_us);
-        let Some((_, grip_m)) = own.copied() else {
-            return;
-        };
-        let found = [Status::Ok, Status::Behind].map(Status::name);
-        let is_found = found.contains(&sample.status.as_str());
-        self.withheld_m = (!is_found).then_some(grip_m);
-        let gap_m = sample.gap_m.unwrap_or(f64::MAX).min(CLEAR_M);
-        let least_m = self.clear.map_or(0.0, |(_, gap_m)| gap_m);
-        if sample.status != Status::Ok.name() || sample.rows > 0 || gap_m <= 0.0 || gap_m < least_m
-        {
-            return;
-        }
-        self.clear = Some((grip_m, gap_m));
     }
 
     fn event(&mut self, what: &str, text: &str, help: &str) {
