@@ -322,7 +322,7 @@ fn failures_of_gmsh_are_told_with_its_words() {
     assert!(ran.stderr.contains("pip install gmsh"), "{}", ran.stderr);
 }
 
-/// What is there at last; fails after a minute without it.
+/// Returns what is found at last; fails after a minute without it.
 fn sooner_or_later<T>(what: &str, mut found: impl FnMut() -> Option<T>) -> T {
     for _ in 0..6000 {
         if let Some(found) = found() {

@@ -749,7 +749,7 @@ fn parts_that_may_touch_do_not_go_through_each_other() {
     assert_eq!(checked.code, 0, "{}", checked.stderr);
 }
 
-/// What nothing keeps apart is said, by whoever is asked.
+/// Parts that nothing keeps apart are said, by whoever is asked.
 #[test]
 fn parts_in_each_other_are_no_good_end() {
     let ([checked, solved, ran], [solution, summary], said) = pressed(&slabs(-2e-3, 0.01, 6));

@@ -198,7 +198,7 @@ fn flood(stream: TcpStream, message: &Message) {
     while socket.send(message.clone()).is_ok() {}
 }
 
-/// What takes a connection and is no session's server is told within a limit: silent before the handshake or after it, or never silent.
+/// A server that takes a connection and has no session is told within a limit: silent before the handshake or after it, or never silent.
 #[test]
 fn servers_that_say_of_no_session_are_not_waited_for() {
     let (_folder, place) = place();

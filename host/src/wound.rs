@@ -47,7 +47,7 @@ pub struct Overlap {
 }
 
 impl Overlap {
-    /// What to do about it.
+    /// Next step.
     pub const HELP: &str = "move the parts apart in the mesh by `at_m`, or make the loads smaller; leave the pair out if its parts may pass";
 
     /// Returns the overlap of parts whose deepest interpenetration over the mean edge is `ratio`, if contact does not leave as much.
@@ -207,7 +207,7 @@ impl Wound {
         })
     }
 
-    /// How far parts that may touch are in each other, if that is deeper than contact leaves them.
+    /// Returns the overlap of parts that may touch, if it is deeper than contact leaves them.
     pub fn overlap(&self, model: &Model, state: &State) -> Option<Overlap> {
         let at: Vec<_> = state
             .positions(model)

@@ -677,7 +677,7 @@ fn slips_at_bodies_are_told_at_their_place() {
     );
 }
 
-/// What only building the solver finds is told at the section that it is about, each kind of it.
+/// Flaws that only building the solver finds are told at the section that they are about.
 #[test]
 fn errors_of_parts_have_their_place() {
     let scene = read(GOOD).expect("good");

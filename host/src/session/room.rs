@@ -41,7 +41,7 @@ const AFTER_S: f64 = 0.5;
 pub struct Overfull {
     /// Since the session began \[s\].
     pub time_s: f64,
-    /// What is too many.
+    /// Contacts that are too many.
     pub crowd: Crowd,
 }
 
@@ -184,12 +184,12 @@ fn may_crowd(scene: &Scene, surface: &Surface, seconds: f64) -> bool {
         || (0..=looks).any(&mut crowds)
 }
 
-/// What of a tool meets the tissue.
+/// Part of a tool that meets the tissue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Part {
-    /// Of one that is no grip.
+    /// Shape of a tool that is no grip.
     Shape,
-    /// Of a grip.
+    /// Body of a grip.
     Body,
 }
 
@@ -203,11 +203,15 @@ fn near(
 ) -> usize {
     let each = samples.iter().filter_map(|sample| {
         let tool = scene.tools.iter().find(|tool| tool.id == sample.id)?;
+        let capsule;
         let shape = match part {
-            Part::Shape => Some(tool.shape.clone()).filter(|shape| !shape.is_grip())?,
-            Part::Body => tool.body?.capsule(),
+            Part::Shape => Some(&tool.shape).filter(|shape| !shape.is_grip())?,
+            Part::Body => {
+                capsule = tool.body?.capsule();
+                &capsule
+            }
         };
-        let solid = Solid::new(&shape, surface.mean_edge_m, &shape.place(sample)?);
+        let solid = Solid::new(shape, surface.mean_edge_m, &shape.place(sample)?);
         let reach_m = reach_m(solid.radius());
         let bound_m = solid.bound() + reach_m;
         let is_near = |node: &&u32| {

@@ -33,7 +33,7 @@ impl Pressed {
         Self::with(setup, TouchSettings::default())
     }
 
-    /// As [`Self::new`], with contact found and kept by these settings.
+    /// Makes what [`Self::new`] makes, with contact found and kept by these settings.
     pub fn with(setup: Setup, settings: TouchSettings) -> Result<Self, ModelError> {
         let Setup {
             blocks,

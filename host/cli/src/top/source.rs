@@ -16,9 +16,9 @@ use tungstenite::{Error, HandshakeError, WebSocket};
 
 /// How long is waited for something new before keys are looked at \[ms\].
 const WAIT: Duration = Duration::from_millis(20);
-/// How long a server may take to be reached, to say of which session it is, and to take a command.
+/// Most time for a server to be reached, to say of which session it is, and to take a command.
 const WITHIN: Duration = Duration::from_secs(5);
-/// What to do about a session that cannot be reached.
+/// Next step for a session that cannot be reached.
 const HELP: &str =
     "is it still running? over SSH, forward its port: `ssh -L 8421:127.0.0.1:8421 HOST`";
 /// Messages that are taken at once.

@@ -61,7 +61,7 @@ impl Constrained {
         Ok(tissue)
     }
 
-    /// How far parts that may touch are in each other, if that is deeper than contact leaves them.
+    /// Returns the overlap of parts that may touch, if it is deeper than contact leaves them.
     pub fn overlap(&self) -> Option<Overlap> {
         let wound = self.wound.as_ref()?;
         wound.overlap(&self.model, &self.state)

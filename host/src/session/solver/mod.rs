@@ -454,7 +454,7 @@ impl SceneSolver {
         Some(wound.report(&tissue.model, &tissue.state, last))
     }
 
-    /// How far parts that may touch are in each other, if that is deeper than contact leaves them.
+    /// Returns the overlap of parts that may touch, if it is deeper than contact leaves them.
     pub fn overlap(&self) -> Option<Overlap> {
         match &self.follower {
             Follower::Constrained(tissue) => tissue.overlap(),
