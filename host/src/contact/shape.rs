@@ -10,6 +10,9 @@ use super::rounded_box::Beyond;
 use crate::tool::{Placement, Shape, Tool};
 use nalgebra::{Matrix3, Vector3};
 
+/// Depth of a place well behind a flat face, in radii of the shape.
+const BEHIND_FACE: f64 = 0.25;
+
 /// A tool's shape where it is now.
 #[derive(Clone, Debug)]
 pub(crate) struct Solid {
@@ -160,6 +163,16 @@ impl Solid {
             Shape::Sphere { .. } | Shape::Mesh { .. } | Shape::Grip => self.middle(),
         };
         [self.middle(), front]
+    }
+
+    /// Point behind the middle of a flat face, by [`BEHIND_FACE`] of the shape's radius; none of a shape without one.
+    pub fn behind_face(&self) -> Option<Vector3<f64>> {
+        match self.shape {
+            Shape::FlatPunch { .. } | Shape::RoundedBox { .. } => {
+                Some(self.centre - self.axis * (BEHIND_FACE * self.radius()))
+            }
+            Shape::Sphere { .. } | Shape::Capsule { .. } | Shape::Mesh { .. } | Shape::Grip => None,
+        }
     }
 
     /// Whether `point` is plainly farther than this \[m\]: out of the box around a mesh, whose distance takes a look at its

@@ -293,6 +293,79 @@ fn contact_from_the_side_and_along_is_no_slip() {
     }
 }
 
+/// Tools with a flat face that are pressed in and drawn along: tissue draws them down by friction alone, and where it comes
+/// through the face that is said. `SUTURA_FULL=1`: more tools, depths and laws.
+#[test]
+fn a_flat_face_that_is_drawn_along_is_pressed_up_or_said_to_be_inside() {
+    let tools = [
+        "shape = \"flat-punch\"\nradius_m = 0.008",
+        "shape = \"rounded-box\"\nsize_m = [0.016, 0.016, 0.02]",
+        "shape = \"flat-punch\"\nradius_m = 0.014",
+    ];
+    let cases = [(0.1, 5.5e-3), (0.0, 5.5e-3), (0.1, 3e-3), (0.3, 4e-3)];
+    let (laws, tools, cases): (&[&str], _, _) = if full() {
+        (&["linear", "corotational"], &tools[..], &cases[..])
+    } else {
+        (&["linear"], &tools[..1], &cases[..2])
+    };
+    let (mut words, mut pressed) = (0, 0);
+    for law in laws {
+        for tool in tools {
+            for (friction, depth_m) in cases {
+                let scene = scene(law, &format!("{tool}\nfriction = {friction}"), [20, 20, 8]);
+                let what = format!("{law}, {tool}, friction {friction}, {depth_m} m deep");
+                let mut solver = SceneSolver::new(&scene).expect("a solver");
+                for part in 0..=20_u32 {
+                    let z = 5e-4 - depth_m * f64::from(part) / 20.0;
+                    go(&mut solver, [-0.02, 0.001, z]);
+                }
+                for part in 0..=160_u32 {
+                    let x = -0.02 + 2.5e-4 * f64::from(part);
+                    let report = go(&mut solver, [x, 0.001, 5e-4 - depth_m]);
+                    match report.status {
+                        Status::Ok => pressed += 1,
+                        Status::Inside => {
+                            words += 1;
+                            continue;
+                        }
+                        other => panic!("{what}, at {x}: {other:?}"),
+                    }
+                    let felt = report.contacts()[0].wrench;
+                    let least_n = -friction * felt[0].hypot(felt[1]) - 1e-3;
+                    assert!(felt[2] >= least_n, "{what}, at {x}: {felt:?}");
+                }
+            }
+        }
+    }
+    assert!(words > 0 && pressed > 200, "{words}, {pressed}");
+}
+
+/// Over a rim and back, and onto the rim from beside: tissue slips from a ball's front to under it, and the ball is still pushed out.
+#[test]
+fn a_ball_at_a_rim_is_not_inside() {
+    let over = [[0.0, 0.0, 0.008], [0.06, 0.0, 0.008], [0.0, 0.0, 0.008]];
+    let onto = [[0.06, 0.0, 0.002], [0.0, 0.0, 0.002]];
+    for (law, friction, divisions, way) in [
+        ("linear", 0.5, [12, 12, 5], &over[..]),
+        ("hyperelastic", 0.1, [12, 12, 5], &over[..]),
+        ("linear", 0.1, [20, 20, 8], &onto[..]),
+    ] {
+        let tool = format!("radius_m = {RADIUS}\nfriction = {friction}");
+        let scene = scene(law, &tool, divisions);
+        let mut solver = SceneSolver::new(&scene).expect("a solver");
+        let mut from = Vector3::new(way[0][0], 0.0, 0.03);
+        for to in way.iter().map(|to| Vector3::from(*to)) {
+            for part in 1..=300_u32 {
+                let at = from.lerp(&to, f64::from(part) / 300.0);
+                let report = step_to(&mut solver, at.into(), 0.0);
+                let status = report.status;
+                assert_ne!(status, Status::Inside, "{law}, {friction}, {at}");
+            }
+            from = to;
+        }
+    }
+}
+
 /// Goes there in as many steps as that takes.
 fn go(solver: &mut SceneSolver, position_m: [f64; 3]) -> StepReport {
     let mut report = step_to(solver, position_m, 0.0);

@@ -28,6 +28,8 @@ const ONE_SIDE: f64 = 0.8;
 const WRAPS: f64 = 0.75;
 /// Fall of the force on the way in, as a share and \[N\], from which on it is told.
 const FALL: (f64, f64) = (0.015, 0.02);
+/// Cosine of the angle between a way straight in and the inward normal of the tissue, from which on it is one.
+const STRAIGHT_IN: f64 = 0.85;
 /// Ways aside of the way in that are none, in radii of the tool.
 const ASIDE: f64 = 0.02;
 /// Distance around the contact within which the tissue's mean rotation is taken, in radii of the tool.
@@ -319,7 +321,7 @@ impl Balance<'_> {
         let count = self.sources.tools.each().len() as u32;
         let found = (0..count).find(|tool| match self.state.tools.count(*tool) {
             0 => self.is_swallowed(model, *tool, ends),
-            _ if self.is_wrapped(*tool) => true,
+            _ if self.is_wrapped(model, *tool) => true,
             _ => self.state.tools.touches_walls_alone(*tool) && self.is_enclosed(model, *tool),
         });
         let found = found.map(Slipped::Tool);
@@ -332,21 +334,48 @@ impl Balance<'_> {
     }
 
     /// Whether the surface has slipped around a tool that touches. Vertices that leave a flat face over its rim lower the force
-    /// without that.
-    fn is_wrapped(&mut self, tool: u32) -> bool {
+    /// without that: there tissue has come through the face.
+    fn is_wrapped(&mut self, model: &Model, tool: u32) -> bool {
         let tools = &self.sources.tools;
         let at_rest = self.state.tools.pressed(tools, tool, &Matrix3::identity());
         let falls = self.state.tools.falls(tools, tool, &at_rest.force);
+        let Some(placement) = &self.state.tools.placements[tool as usize] else {
+            return false;
+        };
+        let solid = tools.solid(tool as usize, placement);
+        let face = solid.behind_face();
         let shape = &tools.each()[tool as usize].tool.shape;
         let is_round = matches!(shape, Shape::Sphere { .. } | Shape::Capsule { .. });
-        let least = at_rest.least(is_round, falls);
-        if at_rest.total == 0.0 || at_rest.outwardness() >= least {
+        let suspect = match face {
+            Some(_) => WRAPS,
+            None => at_rest.least(is_round, falls),
+        };
+        if at_rest.total == 0.0 || at_rest.outwardness() >= suspect {
             return false;
         }
         // Tissue that has turned is compared where it has.
         let turn = self.rotation_around(tool);
-        let turned = self.state.tools.pressed(tools, tool, &turn);
-        turned.outwardness() < least
+        let turned = self.state.tools.pressed(tools, tool, &turn).outwardness();
+        if turned >= suspect {
+            return false;
+        }
+        // A tool that has its middle outside and comes along the surface is at a rim, where tissue slips from its front to under it.
+        let mut cores = solid.cores().into_iter();
+        let is_in = cores.any(|core| model.contains(&core) || self.is_within(model, &core));
+        let falls = falls && (is_in || self.heads_in(tool, &solid));
+        (turned < at_rest.least(is_round, falls) && (is_in || falls))
+            || face.is_some_and(|face| self.is_within(model, &face))
+    }
+
+    /// Whether the way of a tool since it was pushed hardest leads straight into the tissue at rest, at the vertex next to it.
+    fn heads_in(&self, tool: u32, solid: &Solid) -> bool {
+        let hardest = &self.state.tools.hardest[tool as usize];
+        let near = self.sources.tools.nearest_at_rest(solid);
+        let (Some(hardest), Some(near)) = (hardest, near) else {
+            return false;
+        };
+        let way = hardest.way();
+        way.dot(&near.normal) < -STRAIGHT_IN * way.norm()
     }
 
     /// Whether a tool that touches nothing is in the tissue.
@@ -372,9 +401,14 @@ impl Balance<'_> {
         let Some(core) = solid.cores().into_iter().find(is_suspect) else {
             return false;
         };
+        self.is_within(model, &core)
+    }
+
+    /// Whether a point is in the tissue as it is now.
+    fn is_within(&mut self, model: &Model, point: &Vector3<f64>) -> bool {
         self.find_all_nodes();
         let at = &self.work.nodes.at;
-        model.surface().encloses(|node| at[node as usize], &core)
+        model.surface().encloses(|node| at[node as usize], point)
     }
 
     /// Mean rotation of the tissue around what a tool touches, from rest (Kabsch 1976).
