@@ -1,4 +1,4 @@
-//! What is left of a table of which the making is interrupted, or that a full disk takes no more of; and of a session.
+//! Tables and sessions that are interrupted, or of which a full disk takes no more: the lines that are left.
 #![cfg(unix)]
 
 use crate::support::described::assert_described;

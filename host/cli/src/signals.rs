@@ -23,7 +23,7 @@ pub fn stop_after_a_line() -> Result<Arc<AtomicBool>, Failure> {
     on_signals(|| note!("the line at hand is finished first; Ctrl-C again ends at once"))
 }
 
-/// What is left of a table that has been printed, and written where it was to be.
+/// Failure of a table that ends early: it has been printed, and written where it was to be.
 pub fn interrupted(lines: usize) -> Failure {
     let message = format!("interrupted: the table has the {lines} lines by then");
     let help = "what is missing can be measured by its names with --only";

@@ -70,7 +70,7 @@ impl Scene {
         })
     }
 
-    /// What is to be said of tissue that sags far under its weight: it rests, on what it touches, with its nodes at `positions_m`
+    /// Warning of tissue that sags far under its weight: it rests, on what it touches, with its nodes at `positions_m`
     /// (n x 3).
     pub(crate) fn sags(&self, positions_m: &[[f64; 3]]) -> Option<String> {
         let (sag_m, size_m) = (self.moved_m(positions_m), units::size_m(&self.mesh));

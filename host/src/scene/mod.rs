@@ -141,7 +141,7 @@ pub(crate) struct Places {
     pub mesh: Flaw,
     /// The tissue's modulus.
     pub tissue: Flaw,
-    /// What is built beside the tissue.
+    /// Parts that are built beside the tissue.
     pub parts: Vec<(Part, Flaw)>,
 }
 

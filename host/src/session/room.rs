@@ -120,7 +120,7 @@ pub fn overfull(
         return Err(TissueError::Stopped.into());
     }
     Ok(watched.full.map(|(time_us, samples)| {
-        let vertices = near(scene, &surface, &samples, Part::Shape, |_| 0.0);
+        let vertices = near(scene, &surface, &samples, Part::Shape, |_, _| 0.0);
         Overfull {
             time_s: 1e-6 * time_us as f64,
             crowd: match vertices <= MOST_CONTACTS && has_bodies(scene) {
@@ -169,15 +169,29 @@ fn may_crowd(scene: &Scene, surface: &Surface, seconds: f64) -> bool {
         (Part::Shape, MOST_CONTACTS),
         (Part::Body, MOST_TOUCHES / PLACES_A_VERTEX),
     ];
+    let mut began: Vec<ToolSample> = Vec::new();
     let mut crowds = |look: u32| {
         let time_s = f64::from(look) * every_s;
         let in_hand = script.in_hand(time_s);
         let samples = script.step_to(time_s, in_hand, None);
-        limits.iter().any(|(part, most)| {
-            near(scene, surface, samples, *part, |radius_m| {
-                NEAR * radius_m + MARGIN_M
-            }) > *most
-        })
+        if look == 0 {
+            began.extend_from_slice(samples);
+        }
+        // Tissue comes up around a tool that goes into it.
+        let rests = |sample: &ToolSample| {
+            began.iter().any(|began| {
+                began.id == sample.id
+                    && began.position_m == sample.position_m
+                    && began.orientation == sample.orientation
+            })
+        };
+        let reach_m = |sample: &ToolSample, radius_m: f64| match rests(sample) {
+            true => MARGIN_M,
+            false => NEAR * radius_m + MARGIN_M,
+        };
+        limits
+            .iter()
+            .any(|(part, most)| near(scene, surface, samples, *part, reach_m) > *most)
     };
     let mut needles = scene.needles.iter().filter(|part| part.body);
     needles.any(|part| most_places(scene, surface, part) > MOST_TOUCHES)
@@ -193,13 +207,13 @@ enum Part {
     Body,
 }
 
-/// Vertices of tissue at rest that are no farther from this part of the tools than `reach_m` says for a radius \[m\].
+/// Vertices of tissue at rest that are no farther from this part of the tools than `reach_m` says for a tool and its radius \[m\].
 fn near(
     scene: &Scene,
     surface: &Surface,
     samples: &[ToolSample],
     part: Part,
-    reach_m: impl Fn(f64) -> f64,
+    reach_m: impl Fn(&ToolSample, f64) -> f64,
 ) -> usize {
     let each = samples.iter().filter_map(|sample| {
         let tool = scene.tools.iter().find(|tool| tool.id == sample.id)?;
@@ -212,7 +226,7 @@ fn near(
             }
         };
         let solid = Solid::new(shape, surface.mean_edge_m, &shape.place(sample)?);
-        let reach_m = reach_m(solid.radius());
+        let reach_m = reach_m(sample, solid.radius());
         let bound_m = solid.bound() + reach_m;
         let is_near = |node: &&u32| {
             let at = Vector3::from(scene.mesh.points_m()[**node as usize]);
