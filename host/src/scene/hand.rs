@@ -9,6 +9,7 @@ use super::units::length;
 use nalgebra::Vector3;
 use sutura_scene_file::scene::HandSection;
 use sutura_shared::device::{DeviceDescription, JOINTS, Kinematics};
+use sutura_shared::kinematics::forward;
 use sutura_shared::virtual_console::path;
 use sutura_shared::wire::message::{HandScript, WAY_POINTS, WayPoint};
 use sutura_shared::wire::validate::{MAX_HAND_DAMPING, MAX_HAND_STIFFNESS, MAX_POSITION, name};
@@ -92,16 +93,43 @@ const LOOKS: u32 = 32;
 /// Highest speed of a way with minimum jerk over its mean speed (Flash and Hogan 1985).
 pub(super) const PEAK_SPEED: f64 = 15.0 / 8.0;
 
-/// Warnings of a hand that leads its console beyond the stops of its joints, or faster than it allows: one of each kind, at the
-/// first such way point.
+/// Warnings of a hand that leads its console beyond the stops of its joints, to where its motors do not bear its weight, or faster than
+/// it allows: one of each kind, at the first such way point.
 pub(super) fn beyond_device(
     document: &Document,
     section: &HandSection,
     device: &Device,
 ) -> Vec<Flaw> {
     let travel = beyond_travel(document, section, device);
+    let weight = beyond_motors(document, section, device);
     let speed = beyond_speed(document, section, device);
-    travel.into_iter().chain(speed).collect()
+    travel.into_iter().chain(weight).chain(speed).collect()
+}
+
+/// A warning at the first way point where a motor gives less than carries what the device says that it carries.
+fn beyond_motors(document: &Document, section: &HandSection, device: &Device) -> Option<Flaw> {
+    let description = &device.description;
+    let unit = match description.kinematics {
+        Kinematics::Cartesian { .. } => "N",
+        Kinematics::SerialArm { .. } => "N m",
+    };
+    section.way_point.get_ref().iter().find_map(|point| {
+        let joints = joints_at(&description.kinematics, *point.position_m.get_ref())?;
+        let efforts = forward(description, &joints).weight_effort;
+        let mut each = efforts.into_iter().zip(&description.joints).enumerate();
+        let (index, (effort, joint)) = each.find(|(_, (effort, joint))| {
+            effort.abs() > joint.effort_per_amp.abs() * joint.max_current_a
+        })?;
+        let message = format!(
+            "here the weight of {} takes {:.2} {unit} of joint {index}, and its motor gives {:.2} {unit}: the grip falls",
+            device_name(device),
+            effort.abs(),
+            joint.effort_per_amp.abs() * joint.max_current_a,
+        );
+        let help = "masses are in kg: a lighter grip or a counterweight, or a motor or a current that carries it";
+        let place = point.position_m.span();
+        Some(document.warning(place, &message, "not carried", help))
+    })
 }
 
 /// A warning at the first way point that lies beyond the stops of a joint.

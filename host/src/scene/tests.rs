@@ -1036,6 +1036,43 @@ fn a_film_is_doubted() {
     }
 }
 
+/// Reads the good scene with a device of its own, and its hand's first place by another one.
+fn read_with(device: &str, begins: &str) -> Result<Scene, SceneError> {
+    let document = Document::from_sources(&Sources {
+        name: "scene.toml".to_owned(),
+        text: GOOD
+            .replace("\"cartesian-bench\"", "\"own.toml\"")
+            .replace("position_m = [0.0, 0.01, 0.05]", begins),
+        files: [("own.toml".to_owned(), device.into())].into(),
+    });
+    Scene::read(&document, "scene")
+}
+
+/// Motors that do not bear the weight at a way point are told of there, and those that just do are not.
+#[test]
+fn a_grip_that_its_motors_do_not_carry_is_told_of() {
+    let [cartesian, arm] = BUILT_IN_DEVICES.map(|(_, text)| text);
+    let warnings = |device: &str| {
+        let scene = read_with(device, "position_m = [0.0, 0.01, 0.05]").expect("it only warns");
+        let said = scene.warnings.iter().map(ToString::to_string);
+        said.filter(|said| said.contains("the grip falls"))
+            .collect::<Vec<_>>()
+    };
+    for (mass, is_carried) in [("1.52", true), ("1.54", false), ("309.0", false)] {
+        let device = cartesian.replace(
+            "carried_mass_kg = 0.25",
+            &format!("carried_mass_kg = {mass}"),
+        );
+        assert_eq!(warnings(&device).is_empty(), is_carried, "{mass} kg");
+    }
+    let said = &warnings(&arm.replace("grip_mass_kg = 0.04", "grip_mass_kg = 5.6"))[0];
+    assert!(
+        said.contains("of joint 1, and its motor gives 0.90 N m"),
+        "{said}"
+    );
+    assert!(warnings(arm).is_empty());
+}
+
 /// Every console refuses a hand that begins beyond 10 m of a joint's own origin, and so does the scene.
 #[test]
 fn a_hand_begins_where_a_console_can_be_told() {
@@ -1043,17 +1080,7 @@ fn a_hand_begins_where_a_console_can_be_told() {
     use sutura_shared::wire::message::Simulate;
     let device = BUILT_IN_DEVICES[0].1;
     let far = device.replace("origin_m = [0.0, 0.0, 0.0]", "origin_m = [8.0, 0.0, 0.0]");
-    let read_at = |x: f64| {
-        let document = Document::from_sources(&Sources {
-            name: "scene.toml".to_owned(),
-            text: GOOD.replace("\"cartesian-bench\"", "\"far.toml\"").replace(
-                "position_m = [0.0, 0.01, 0.05]",
-                &format!("position_m = [{x:?}, 0.01, 0.05]"),
-            ),
-            files: [("far.toml".to_owned(), far.clone().into_bytes())].into(),
-        });
-        Scene::read(&document, "scene")
-    };
+    let read_at = |x: f64| read_with(&far, &format!("position_m = [{x:?}, 0.01, 0.05]"));
     let hand = read_at(-1.5).expect("it only warns").hand.expect("a hand");
     assert_eq!(Simulate::Hand(hand).check(), Ok(()));
     let error = read_at(-2.5).expect_err("10.5 m from the origin");
