@@ -1,7 +1,7 @@
 //! Work that may take seconds, told as it is begun: what it is, and how large; and how it is ended early.
 //!
 //! Entry points: [`begin`], [`TARGET`], [`stop_with`]. It is told as `tracing` events, whose fields are the [`WHAT`] and [`SIZE`] of the work or, while
-//! it goes on, [`DONE`] parts [`OF`] so many; whoever shows progress listens, and nobody pays who does not.
+//! it goes on, [`DONE`] parts [`OF`] so many, and the [`END`] of a piece of it; whoever shows progress listens, and nobody pays who does not.
 
 use std::cell::RefCell;
 use std::sync::Arc;
@@ -17,6 +17,8 @@ pub const SIZE: &str = "size";
 pub const DONE: &str = "done";
 /// Field with all parts.
 pub const OF: &str = "of";
+/// Field of the end of a piece of the work that was begun before.
+pub const END: &str = "end";
 
 thread_local! {
     static STOP: RefCell<Option<Arc<AtomicBool>>> = const { RefCell::new(None) };
@@ -41,6 +43,11 @@ pub fn begin(what: &'static str, size: impl FnOnce() -> String) {
     if tracing::enabled!(target: TARGET, tracing::Level::INFO) {
         tracing::info!(target: TARGET, what, size = size());
     }
+}
+
+/// Says that a piece of the work that was begun before is done, and that goes on.
+pub(crate) fn end() {
+    tracing::debug!(target: TARGET, end = true);
 }
 
 /// Says how far it is.

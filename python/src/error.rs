@@ -79,12 +79,15 @@ pub fn of_solve(error: &session::SolveError) -> PyErr {
 }
 
 thread_local! {
-    /// Why this thread has given up.
+    /// Exception for which this thread gives up what it waits for, until somebody is told.
     static GIVEN_UP: RefCell<Option<PyErr>> = const { RefCell::new(None) };
 }
 
-/// Whether Ctrl-C came: for waits that end with an error of the link, which [`of_link`] makes Python's.
+/// Whether Ctrl-C came: for waits that end with an error of the link, which [`of_link`] makes Python's. Asked again it still came.
 pub fn gives_up() -> bool {
+    if GIVEN_UP.with_borrow(Option::is_some) {
+        return true;
+    }
     match interrupted() {
         Ok(()) => false,
         Err(error) => {
@@ -96,10 +99,7 @@ pub fn gives_up() -> bool {
 
 /// A link that is not there, or broke, or was given up.
 pub fn of_link(error: &LinkError) -> PyErr {
-    if let Some(interrupt) = GIVEN_UP
-        .take()
-        .filter(|_| matches!(error, LinkError::GivenUp { .. }))
-    {
+    if let Some(interrupt) = GIVEN_UP.take() {
         return interrupt;
     }
     ConsoleError::new_err(harmless(&format!("{error}: {}", error.help())))
@@ -177,7 +177,7 @@ pub struct Watch(Option<PyErr>);
 impl Watch {
     /// Whether to go on.
     pub fn then(&mut self) -> ControlFlow<()> {
-        match interrupted() {
+        match GIVEN_UP.take().map_or_else(interrupted, Err) {
             Ok(()) => ControlFlow::Continue(()),
             Err(error) => {
                 self.0 = Some(error);

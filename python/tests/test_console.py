@@ -1,5 +1,8 @@
 """A console of one's own: what is sent is felt, by the simulated one."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -100,3 +103,38 @@ def test_a_session_in_real_time_is_felt(held):
         sutura.run(sutura.scene(held), console="/dev/nowhere", lockstep=True)
     with pytest.raises(sutura.ConsoleError, match="/dev/nowhere"):
         sutura.run(sutura.scene(held), console="/dev/nowhere")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no pseudoterminals")
+@pytest.mark.parametrize("call", ["Console(port)", "run(scene, console=port, seconds=1)"])
+def test_ctrl_c_ends_the_wait_for_a_console_that_says_nothing(call):
+    # In a process of its own: the signal is of the whole process. Its handler runs where the wait looks for it.
+    script = f"""
+import os, pty, signal, threading, tty, sutura
+ours, theirs = pty.openpty()
+tty.setraw(ours)
+tty.setraw(theirs)
+port = os.ttyname(theirs)
+scene = sutura.scene({{
+    "device": "cartesian-bench",
+    "mesh": {{"slab": {{"size_m": [0.02, 0.02, 0.01], "divisions": [2, 2, 1]}}}},
+    "tissue": {{"youngs_modulus_pa": 15e3, "poisson_ratio": 0.45}},
+    "fixed": [{{"plane": {{"axis": "z", "at_m": -0.01}}}}],
+    "tool": [{{"radius_m": 0.01}}],
+    "hand": {{"stiffness_n_per_m": 700.0, "damping_n_s_per_m": 10.0, "way_point": [{{"time_s": 0.0, "position_m": [0.0, 0.0, 0.03]}}]}},
+}})
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
+def asked():
+    # Something has come: somebody waits for an answer.
+    os.read(ours, 1)
+    os.kill(os.getpid(), signal.SIGINT)
+
+threading.Thread(target=asked, daemon=True).start()
+try:
+    sutura.{call}
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=300)
+    assert ran.stdout.strip() == "interrupted", ran.stdout + ran.stderr

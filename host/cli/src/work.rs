@@ -11,7 +11,7 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use sutura_host::text::escaped;
-use sutura_host::work::{DONE, OF, SIZE, TARGET, WHAT};
+use sutura_host::work::{DONE, END, OF, SIZE, TARGET, WHAT};
 use tracing::field::{Field, Visit};
 use tracing::{Event, Subscriber};
 use tracing_subscriber::layer::Context;
@@ -30,6 +30,8 @@ struct Shown {
     bar: Option<ProgressBar>,
     /// Piece of work that goes on.
     now: Option<Piece>,
+    /// Work that it is a piece of, if anything says so by its end.
+    whole: Option<Piece>,
     began: Instant,
     /// Whether anything has been.
     told: bool,
@@ -85,6 +87,7 @@ pub fn watch() -> Watched {
     *shown() = Some(Shown {
         bar,
         now: None,
+        whole: None,
         began: Instant::now(),
         told: false,
     });
@@ -127,6 +130,15 @@ fn tell() {
 }
 
 impl Shown {
+    /// Shows which work goes on now.
+    fn head(&self) {
+        if let (Some(bar), Some(piece)) = (&self.bar, &self.now) {
+            bar.set_style(ProgressStyle::default_spinner());
+            bar.set_message(escaped(&piece.what));
+        }
+        CHANGED.notify_all();
+    }
+
     /// Tells what is due, and how long it is until something else may be.
     fn tell(&mut self, now: Instant) -> Duration {
         if let Some(bar) = &self.bar {
@@ -176,12 +188,12 @@ impl<S: Subscriber> tracing_subscriber::Layer<S> for Layer {
                 Some(size) => format!("{what}: {size}"),
                 None => what.clone(),
             };
-            if let Some(bar) = &shown.bar {
-                bar.set_style(ProgressStyle::default_spinner());
-                bar.set_message(escaped(&what));
-            }
-            shown.now = Some(Piece::new(what, Instant::now()));
-            CHANGED.notify_all();
+            shown.whole = shown.now.replace(Piece::new(what, Instant::now()));
+            shown.head();
+        }
+        if told.ends && shown.whole.is_some() {
+            shown.now = shown.whole.take();
+            shown.head();
         }
         let (Some(done), Some(of)) = (told.done, told.of) else {
             return;
@@ -206,9 +218,14 @@ struct Told {
     size: Option<String>,
     done: Option<u64>,
     of: Option<u64>,
+    ends: bool,
 }
 
 impl Visit for Told {
+    fn record_bool(&mut self, field: &Field, value: bool) {
+        self.ends |= value && field.name() == END;
+    }
+
     fn record_str(&mut self, field: &Field, value: &str) {
         match field.name() {
             WHAT => self.what = Some(value.to_owned()),
@@ -240,6 +257,7 @@ mod tests {
         let mut shown = Shown {
             bar: None,
             now: None,
+            whole: None,
             began,
             told: false,
         };
@@ -255,6 +273,44 @@ mod tests {
         assert!(!shown.told);
         assert_eq!(shown.tell(began + LONG + AGAIN), AGAIN);
         assert!(shown.told);
+    }
+
+    #[test]
+    fn a_piece_that_is_done_gives_way_to_the_work_that_it_is_of() {
+        use tracing_subscriber::layer::SubscriberExt as _;
+        let heard = tracing_subscriber::registry().with(Layer);
+        tracing::subscriber::with_default(heard, || {
+            *shown() = Some(Shown {
+                bar: None,
+                now: None,
+                whole: None,
+                began: Instant::now(),
+                told: false,
+            });
+            let goes_on = || {
+                let guard = shown();
+                let piece = guard.as_ref().and_then(|shown| shown.now.as_ref());
+                piece.map(|piece| (piece.what.clone(), piece.share))
+            };
+            let ends = || tracing::debug!(target: TARGET, end = true);
+            ends();
+            assert_eq!(goes_on(), None);
+            tracing::info!(target: TARGET, what = "looking for rest", size = "all");
+            tracing::debug!(target: TARGET, done = 3, of = 4);
+            tracing::info!(target: TARGET, what = "computing columns", size = "2");
+            tracing::debug!(target: TARGET, done = 2, of = 2);
+            ends();
+            assert_eq!(
+                goes_on(),
+                Some(("looking for rest: all".to_owned(), Some((3, 4))))
+            );
+            ends();
+            assert_eq!(
+                goes_on(),
+                Some(("looking for rest: all".to_owned(), Some((3, 4))))
+            );
+            *shown() = None;
+        });
     }
 
     #[test]

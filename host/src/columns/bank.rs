@@ -213,6 +213,9 @@ impl Bank {
                 count = 0;
             }
         }
+        if is_long {
+            work::end();
+        }
         room
     }
 
