@@ -150,29 +150,56 @@ impl Solid {
         }
     }
 
-    /// Points well inside: the middle, and one as far behind the front as the shape is thick; of a ball and a mesh twice the
-    /// same.
-    pub fn cores(&self) -> [Vector3<f64>; 2] {
-        let front = match self.shape {
+    /// Points well inside: the middle, and one as far behind each end as the shape is thick; of a ball and a mesh the same three
+    /// times.
+    pub fn cores(&self) -> [Vector3<f64>; 3] {
+        let behind = |way_m: f64| self.centre - self.axis * way_m;
+        match self.shape {
             Shape::FlatPunch { length_m, .. }
             | Shape::RoundedBox {
                 size_m: [_, _, length_m],
                 ..
-            } => self.centre - self.axis * self.radius().min(0.5 * length_m),
-            Shape::Capsule { .. } => self.centre,
-            Shape::Sphere { .. } | Shape::Mesh { .. } | Shape::Grip => self.middle(),
-        };
-        [self.middle(), front]
+            } => {
+                let thick_m = self.radius().min(0.5 * length_m);
+                [self.middle(), behind(thick_m), behind(length_m - thick_m)]
+            }
+            Shape::Capsule { length_m, .. } => [self.middle(), self.centre, behind(length_m)],
+            Shape::Sphere { .. } | Shape::Mesh { .. } | Shape::Grip => [self.middle(); 3],
+        }
     }
 
-    /// Point behind the middle of a flat face, by [`BEHIND_FACE`] of the shape's radius; none of a shape without one.
-    pub fn behind_face(&self) -> Option<Vector3<f64>> {
-        match self.shape {
-            Shape::FlatPunch { .. } | Shape::RoundedBox { .. } => {
-                Some(self.centre - self.axis * (BEHIND_FACE * self.radius()))
-            }
+    /// Points behind the flat faces at both ends, by [`BEHIND_FACE`] of the shape's radius: behind their middles, and halfway to their rims;
+    /// none of a shape without faces.
+    pub fn behind_faces(&self) -> impl Iterator<Item = Vector3<f64>> + use<> {
+        let faces = match self.shape {
+            Shape::FlatPunch {
+                radius_m, length_m, ..
+            } => Some(([radius_m; 2], length_m)),
+            Shape::RoundedBox {
+                size_m: [side, across, along],
+                ..
+            } => Some(([0.5 * side, 0.5 * across], along)),
             Shape::Sphere { .. } | Shape::Capsule { .. } | Shape::Mesh { .. } | Shape::Grip => None,
-        }
+        };
+        let (centre, axis, side) = (self.centre, self.axis, self.side);
+        let across = axis.cross(&side);
+        let radius_m = self.radius();
+        faces
+            .into_iter()
+            .flat_map(move |([half_m, half_across_m], length_m)| {
+                let depth_m = (BEHIND_FACE * radius_m).min(0.5 * length_m);
+                [depth_m, length_m - depth_m]
+                    .into_iter()
+                    .flat_map(move |behind_m| {
+                        (0..9).map(move |place| {
+                            let [x, y] =
+                                [place % 3, place / 3].map(|part| 0.5 * (f64::from(part) - 1.0));
+                            centre - axis * behind_m
+                                + side * (x * half_m)
+                                + across * (y * half_across_m)
+                        })
+                    })
+            })
     }
 
     /// Whether `point` is plainly farther than this \[m\]: out of the box around a mesh, whose distance takes a look at its

@@ -2,13 +2,15 @@
 
 use super::bench::*;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use std::collections::BTreeMap;
+use std::sync::Arc;
 use sutura_host::fem::Loads;
 use sutura_host::mesh::{TetMesh, slab};
 use sutura_host::scene::{Document, Pose, Scene};
 use sutura_host::script::at_rest;
 use sutura_host::session::SceneSolver;
 use sutura_host::step::{State, Status, StepReport};
-use sutura_host::tool::{Shape, Tool};
+use sutura_host::tool::{ClosedMesh, Shape, Tool};
 use sutura_testkit::full;
 
 const HZ: f64 = 200.0;
@@ -299,6 +301,7 @@ fn contact_from_the_side_and_along_is_no_slip() {
 fn a_flat_face_that_is_drawn_along_is_pressed_up_or_said_to_be_inside() {
     let tools = [
         "shape = \"flat-punch\"\nradius_m = 0.008",
+        "shape = \"flat-punch\"\nradius_m = 0.008\nlength_m = 0.04\naxis = [0.0, 0.0, 1.0]\noffset_m = [0.0, 0.0, 0.04]",
         "shape = \"rounded-box\"\nsize_m = [0.016, 0.016, 0.02]",
         "shape = \"flat-punch\"\nradius_m = 0.014",
     ];
@@ -362,6 +365,126 @@ fn a_ball_at_a_rim_is_not_inside() {
                 assert_ne!(status, Status::Inside, "{law}, {friction}, {at}");
             }
             from = to;
+        }
+    }
+}
+
+/// A capsule that lies over a side of the slab, said from its one end and from its other: the same words at the same places.
+#[test]
+fn both_ends_of_a_tool_are_looked_at() {
+    for friction in [0.0, 0.1] {
+        let said = [-1.0, 1.0].map(|x| {
+            let tool = format!(
+                "shape = \"capsule\"\nradius_m = 0.012\nlength_m = 0.06\naxis = [{x:?}, 0.0, 0.0]\n\
+                 offset_m = [{:?}, 0.0, 0.0]\nfriction = {friction}",
+                0.03 * x
+            );
+            let mut solver =
+                SceneSolver::new(&scene("linear", &tool, [20, 20, 8])).expect("a solver");
+            let steps = (0..=100_u32).map(|part| {
+                let z = 0.014 - 2.9e-4 * f64::from(part);
+                step_to(&mut solver, [0.05, 0.001, z], 0.0).status
+            });
+            steps.collect::<Vec<_>>()
+        });
+        assert!(said[0].contains(&Status::Inside), "friction {friction}");
+        assert_eq!(said[0], said[1], "friction {friction}");
+    }
+}
+
+/// A ball as a mesh of 512 triangles: its force falls by no more than a tenth before it is said to be inside.
+#[test]
+fn a_ball_that_is_a_mesh_is_looked_at_as_well() {
+    let fillet_m = 0.0014;
+    let (points, triangles) = octahedron_ball(RADIUS - fillet_m, 3);
+    let mesh = Arc::new(ClosedMesh::new(&points, &triangles).expect("closed"));
+    for (friction, [x, y]) in [
+        (0.0, [0.0021, 0.0013]),
+        (0.1, [0.0021, 0.0013]),
+        (0.0, [0.01, -0.005]),
+    ] {
+        let tool = Tool {
+            friction,
+            ..Tool::new(
+                Shape::Mesh {
+                    mesh: mesh.clone(),
+                    fillet_m,
+                },
+                [0.0; 3],
+            )
+        };
+        let mut bench = Bench::slab(tool);
+        let mut state = State::new(&bench.model);
+        let (mut hardest_n, mut words) = (0.0f64, 0);
+        for part in 0..=60_u32 {
+            let z = RADIUS - 3.5e-4 * f64::from(part);
+            let report = bench.step(&mut state, at(x, y, z));
+            if report.status == Status::Inside {
+                words += 1;
+                hardest_n = 0.0;
+                continue;
+            }
+            let force_n = report.contacts()[0].wrench[2];
+            assert!(
+                force_n > 0.9 * hardest_n - 0.1,
+                "friction {friction}, {z}: {force_n} N after {hardest_n} N"
+            );
+            hardest_n = hardest_n.max(force_n);
+        }
+        assert!(words > 0, "friction {friction}");
+    }
+}
+
+/// Points \[m\] and triangles of an octahedron that is halved `times` and blown up to a ball.
+fn octahedron_ball(radius_m: f64, times: u32) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+    let ends = [1.0, -1.0];
+    let mut points: Vec<Vector3<f64>> = (0..3)
+        .flat_map(|axis| ends.map(|end| Vector3::ith(axis, end)))
+        .collect();
+    let mut triangles = Vec::new();
+    for corner in 0..8_u32 {
+        let [x, y, z] = [0, 1, 2].map(|axis| 2 * axis + (corner >> axis & 1));
+        let is_even = corner.count_ones() % 2 == 0;
+        triangles.push(if is_even { [x, y, z] } else { [x, z, y] });
+    }
+    for _ in 0..times {
+        let mut halves = BTreeMap::new();
+        let mut half = |a: u32, b: u32| {
+            *halves.entry((a.min(b), a.max(b))).or_insert_with(|| {
+                points.push((points[a as usize] + points[b as usize]).normalize());
+                points.len() as u32 - 1
+            })
+        };
+        let finer = triangles.iter().flat_map(|&[a, b, c]| {
+            let [ab, bc, ca] = [half(a, b), half(b, c), half(c, a)];
+            [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
+        });
+        triangles = finer.collect();
+    }
+    let points = points.iter().map(|point| (point * radius_m).into());
+    (points.collect(), triangles)
+}
+
+/// Beside the middle of a cut a ball parts its lips: the force falls, and nothing has closed over it.
+#[test]
+fn a_ball_that_parts_the_lips_of_a_cut_is_not_inside() {
+    let part = |name: &str, x: f64| {
+        format!(
+            "[[mesh.part]]\nname = \"{name}\"\nslab = {{ size_m = [0.04, 0.06, 0.03], divisions = [12, 16, 9] }}\nat_m = [{x}, 0.0, 0.0]\n"
+        )
+    };
+    let (left, right) = (part("left", -0.02025), part("right", 0.02025));
+    for friction in [0.0, 0.1] {
+        let text = format!(
+            "{left}{right}[tissue]\nmodel = \"linear\"\nyoungs_modulus_pa = 15e3\npoisson_ratio = 0.45\n\
+             [[fixed]]\nplane = {{ axis = \"z\", at_m = -0.03 }}\n[[tool]]\nradius_m = 0.008\nfriction = {friction}\n"
+        );
+        let scene = Scene::read(&Document::embedded("slit.toml", "".as_ref(), &text), "slit");
+        let mut solver = SceneSolver::new(&scene.expect("good")).expect("a solver");
+        for part in 0..=100_u32 {
+            let z = 0.012 - 1.5e-4 * f64::from(part);
+            let report = step_to(&mut solver, [0.002, 0.001, z], 0.0);
+            assert_eq!(report.status, Status::Ok, "friction {friction}, {z}");
         }
     }
 }

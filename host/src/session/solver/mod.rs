@@ -494,8 +494,8 @@ impl SceneSolver {
     }
 
     /// Whether the driven tool was on tissue or another body in the last step, rather than at a thread, or withheld. Jaws hold
-    /// tissue without any force until they draw at it.
-    fn presses(&self, needle: Option<&HeldNeedle>) -> bool {
+    /// tissue without any force until they draw at it, and rows of a tool that `has_thread` may be those of a slack one.
+    fn presses(&self, needle: Option<&HeldNeedle>, has_thread: bool) -> bool {
         if let Follower::Prescribed(tissue) = &self.follower {
             return tissue.touched();
         }
@@ -508,7 +508,7 @@ impl SceneSolver {
             return false;
         }
         let contact = report.contacts().first();
-        contact.is_some_and(|contact| contact.rows > 0)
+        contact.is_some_and(|contact| contact.rows > 0 && !has_thread)
             || needle.is_some_and(|needle| matches!(needle.tip, Tip::Holding | Tip::Inside))
     }
 
@@ -705,7 +705,7 @@ impl Solve for SceneSolver {
         let (mut needle, mut thread) = self.in_grip(&report, period_us);
         clock.lap(&mut stages.look_ns);
         let touched = self.touched(needle.as_ref(), thread.as_ref());
-        let presses = touched && self.presses(needle.as_ref());
+        let presses = touched && self.presses(needle.as_ref(), thread.is_some());
         let is_behind = report.status == Status::Behind;
         let mut outrun = false;
         if is_behind {

@@ -26,8 +26,10 @@ const LEAST_ON_A_SIDE: f64 = -0.5;
 const ONE_SIDE: f64 = 0.8;
 /// Contacts that are less outward wrap around the tool: below that a force that falls on the way in is no bend of the tissue.
 const WRAPS: f64 = 0.75;
-/// Fall of the force on the way in, as a share and \[N\], from which on it is told.
+/// Fall of the force on the way in of a round tool, as a share and \[N\], from which on it is told.
 const FALL: (f64, f64) = (0.015, 0.02);
+/// The same of other tools: vertices that leave a face over its rim take a little with them.
+const FALL_OF_A_FACE: (f64, f64) = (0.1, 0.1);
 /// Cosine of the angle between a way straight in and the inward normal of the tissue, from which on it is one.
 const STRAIGHT_IN: f64 = 0.85;
 /// Ways aside of the way in that are none, in radii of the tool.
@@ -59,9 +61,9 @@ impl Pressing {
             return LEAST_ON_A_SIDE;
         }
         match (is_round, falls) {
-            (false, _) => LEAST_OF_A_FACE,
-            (true, true) => WRAPS,
+            (_, true) => WRAPS,
             (true, false) => LEAST_OUTWARD,
+            (false, false) => LEAST_OF_A_FACE,
         }
     }
 }
@@ -134,7 +136,7 @@ impl Hardest {
     /// Whether the force pushes a tool onward that has gone straight on in.
     pub fn is_pushed_on(&self, turn_m: f64) -> bool {
         let [_, last_n] = self.against();
-        last_n < 0.0 && self.has_fallen(turn_m)
+        last_n < 0.0 && self.has_fallen(turn_m, FALL)
     }
 
     /// Whichever of this and the force `now` is the largest on the way in of a tool of this radius.
@@ -146,10 +148,9 @@ impl Hardest {
         }
     }
 
-    /// Whether the force has fallen since, and the tool gone straight on in.
-    fn has_fallen(&self, turn_m: f64) -> bool {
+    /// Whether the force has fallen since by this share and \[N\], and the tool gone straight on in.
+    fn has_fallen(&self, turn_m: f64, (share, least_n): (f64, f64)) -> bool {
         let way = self.way();
-        let (share, least_n) = FALL;
         let [most_n, last_n] = self.against();
         -way.dot(&self.out) > self.aside_of(&way, turn_m)
             && last_n < most_n - f64::max(share * most_n, least_n)
@@ -195,8 +196,14 @@ impl ToolContacts {
         })
     }
 
-    /// Whether the force on a tool, as it is now, has fallen on the way in; keeps where it was pushed hardest.
-    fn falls(&mut self, tools: &TouchingTools, tool: u32, force: &Vector3<f64>) -> bool {
+    /// Whether the force on a tool, as it is now, has fallen on the way in by this share and \[N\]; keeps where it was pushed hardest.
+    fn falls(
+        &mut self,
+        tools: &TouchingTools,
+        tool: u32,
+        force: &Vector3<f64>,
+        fall: (f64, f64),
+    ) -> bool {
         let place = tool as usize;
         let Some(at) = &self.placements[place] else {
             return false;
@@ -209,11 +216,23 @@ impl ToolContacts {
         let solid = tools.solid(place, at);
         let turn_m = solid.reach() * hardest.at.angle_to(at);
         hardest.go_on(&now);
-        if hardest.has_fallen(turn_m) {
+        if hardest.has_fallen(turn_m, fall) {
             return true;
         }
         *hardest = hardest.or(now, turn_m, solid.radius());
         false
+    }
+
+    /// Whether all that presses on a tool belongs to one connected piece of tissue.
+    fn presses_one_piece(&self, tools: &TouchingTools, tool: u32) -> bool {
+        let pieces = self.pressing(tool).filter_map(|contact| {
+            let place = tools.place_of_node(contact.node)?;
+            Some(tools.piece[place])
+        });
+        let (least, most) = pieces.fold((u32::MAX, 0), |(least, most), piece| {
+            (least.min(piece), most.max(piece))
+        });
+        least >= most
     }
 
     /// Whether all that a tool touches is prescribed.
@@ -338,33 +357,38 @@ impl Balance<'_> {
     fn is_wrapped(&mut self, model: &Model, tool: u32) -> bool {
         let tools = &self.sources.tools;
         let at_rest = self.state.tools.pressed(tools, tool, &Matrix3::identity());
-        let falls = self.state.tools.falls(tools, tool, &at_rest.force);
-        let Some(placement) = &self.state.tools.placements[tool as usize] else {
-            return false;
-        };
-        let solid = tools.solid(tool as usize, placement);
-        let face = solid.behind_face();
         let shape = &tools.each()[tool as usize].tool.shape;
         let is_round = matches!(shape, Shape::Sphere { .. } | Shape::Capsule { .. });
-        let suspect = match face {
-            Some(_) => WRAPS,
-            None => at_rest.least(is_round, falls),
+        let has_faces = matches!(shape, Shape::FlatPunch { .. } | Shape::RoundedBox { .. });
+        let fall = if is_round { FALL } else { FALL_OF_A_FACE };
+        // Where pieces of tissue part before a tool, the force falls as well.
+        let falls = self.state.tools.falls(tools, tool, &at_rest.force, fall)
+            && self.state.tools.presses_one_piece(tools, tool);
+        let suspect = if has_faces {
+            WRAPS
+        } else {
+            at_rest.least(is_round, falls)
         };
         if at_rest.total == 0.0 || at_rest.outwardness() >= suspect {
             return false;
         }
         // Tissue that has turned is compared where it has.
         let turn = self.rotation_around(tool);
+        let tools = &self.sources.tools;
         let turned = self.state.tools.pressed(tools, tool, &turn).outwardness();
-        if turned >= suspect {
+        let placement = self.state.tools.placements[tool as usize];
+        let Some(placement) = placement.filter(|_| turned < suspect) else {
             return false;
-        }
+        };
+        let solid = tools.solid(tool as usize, &placement);
         // A tool that has its middle outside and comes along the surface is at a rim, where tissue slips from its front to under it.
         let mut cores = solid.cores().into_iter();
         let is_in = cores.any(|core| model.contains(&core) || self.is_within(model, &core));
         let falls = falls && (is_in || self.heads_in(tool, &solid));
         (turned < at_rest.least(is_round, falls) && (is_in || falls))
-            || face.is_some_and(|face| self.is_within(model, &face))
+            || solid
+                .behind_faces()
+                .any(|place| self.is_within(model, &place))
     }
 
     /// Whether the way of a tool since it was pushed hardest leads straight into the tissue at rest, at the vertex next to it.

@@ -71,6 +71,8 @@ pub(crate) struct TouchingTools {
     normals: Vec<Vector3<f64>>,
     /// In which group of the hierarchy each is, (b).
     group: Vec<u32>,
+    /// Connected piece of tissue that each belongs to, (b).
+    piece: Vec<u32>,
     /// Groups that they are in.
     groups: usize,
     /// Around runs of them, so many one after the other: mesh generators number neighbours one after the other, too, and
@@ -175,13 +177,13 @@ pub(crate) struct ToolContacts {
 
 impl TouchingTools {
     /// The tools that have a shape, for a boundary with the nodes `free` and `prescribed`, at `resting_m` (b) \[m\] with the outward
-    /// `normals` (b), in `group` (b).
+    /// `normals` (b), in `group` (b) and of `piece` (b).
     pub fn new(
         tools: &[(u8, Tool)],
         least_m: f64,
         (free, prescribed): (&[u32], &[u32]),
         (resting_m, normals): (&[Vector3<f64>], &[Vector3<f64>]),
-        group: Vec<u32>,
+        (group, piece): (Vec<u32>, Vec<u32>),
     ) -> Self {
         let touching = tools
             .iter()
@@ -200,6 +202,7 @@ impl TouchingTools {
             normals: normals.to_vec(),
             groups: group.iter().max().map_or(0, |last| *last as usize + 1),
             group,
+            piece,
             runs: Tree::new(resting_m.len().div_ceil(RUN) as u32, |run| {
                 let own = resting_m.iter().skip(RUN * run as usize).take(RUN);
                 own.fold(Bounds::NOTHING, |all, at| all.with(at))
@@ -209,7 +212,7 @@ impl TouchingTools {
 
     /// No tools.
     pub fn none() -> Self {
-        Self::new(&[], 0.0, (&[], &[]), (&[], &[]), Vec::new())
+        Self::new(&[], 0.0, (&[], &[]), (&[], &[]), (Vec::new(), Vec::new()))
     }
 
     pub fn each(&self) -> &[TouchingTool] {

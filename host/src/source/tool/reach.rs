@@ -223,7 +223,7 @@ mod tests {
         }
         let normals: Vec<_> = at.iter().map(|at| at.normalize()).collect();
         let nodes: Vec<u32> = (0..count as u32).map(|place| 3 * place).collect();
-        let group = nodes.iter().map(|_| rng.u32(0..GROUPS)).collect();
+        let group: Vec<u32> = nodes.iter().map(|_| rng.u32(0..GROUPS)).collect();
         let shapes = [
             Shape::Sphere { radius_m: 0.3 },
             Shape::rounded_box([0.3, 0.5, 0.9]),
@@ -232,7 +232,8 @@ mod tests {
         // Every third run is of prescribed nodes.
         let free = count - count / 3;
         let nodes = nodes.split_at(free);
-        TouchingTools::new(&tools, 0.01, nodes, (&at, &normals), group)
+        let piece = vec![0; group.len()];
+        TouchingTools::new(&tools, 0.01, nodes, (&at, &normals), (group, piece))
     }
 
     fn somewhere(rng: &mut fastrand::Rng) -> Placement {
