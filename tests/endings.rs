@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use crate::support::session::{Plane, device, patient, plan, undisturbed};
-use crate::support::{sutura, sutura_in};
+use crate::support::{root, sutura, sutura_in};
 use serde_json::{Map, Value};
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -220,6 +220,12 @@ fn tissue_that_nobody_feels_is_no_success() {
         assert!(summary["contact_steps"].as_u64() > Some(25));
         assert!(stderr.contains("is the modulus in Pa?"), "{stderr}");
     }
+    // A thread that stays slack pulls at nothing.
+    let shaft = std::fs::read_to_string(root().join("scenes/thread-over-shaft.toml")).unwrap();
+    let slack = shaft.replace("length_m = 0.0808", "length_m = 0.085");
+    assert_ne!(shaft, slack);
+    let (code, summary, stderr) = run(folder.path(), &slack, &[]);
+    assert_eq!((code, word(&summary)), (0, "ok"), "{stderr}");
     // Nothing is too soft if nothing was touched.
     let away = press(12.0, "cartesian-bench").replace("0.037]", "0.05]");
     let away = away.replace("0.028]", "0.045]");
