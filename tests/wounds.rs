@@ -1003,13 +1003,15 @@ fn by_hand(degrees: f64) -> String {
     turned(&std::fs::read_to_string(path).unwrap(), degrees)
 }
 
-/// The same hands close it on tissue that turns with its edges, wherever in the mesh.
+/// The same hands close it on tissue that turns with its edges, wherever in the mesh: `SUTURA_FULL=1`, for more than a minute each.
 #[test]
 fn a_suture_that_rubs_is_closed_on_corotational_tissue() {
-    let all = [200.0, 0.0, 3.0, 6.0, 17.0, 90.0];
-    for degrees in &all[..if full() { all.len() } else { 1 }] {
+    if !full() {
+        return;
+    }
+    for degrees in [200.0, 0.0, 3.0, 6.0, 17.0, 90.0] {
         let linear = "model = \"linear\"";
-        let text = by_hand(*degrees);
+        let text = by_hand(degrees);
         assert_eq!(text.matches(linear).count(), 1);
         let directory = tempfile::tempdir().unwrap();
         let text = text.replace(linear, "model = \"corotational\"");
