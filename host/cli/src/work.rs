@@ -296,9 +296,9 @@ mod tests {
             ends();
             assert_eq!(goes_on(), None);
             tracing::info!(target: TARGET, what = "looking for rest", size = "all");
-            tracing::debug!(target: TARGET, done = 3, of = 4);
+            tracing::debug!(target: TARGET, done = 3_u64, of = 4_u64);
             tracing::info!(target: TARGET, what = "computing columns", size = "2");
-            tracing::debug!(target: TARGET, done = 2, of = 2);
+            tracing::debug!(target: TARGET, done = 2_u64, of = 2_u64);
             ends();
             assert_eq!(
                 goes_on(),

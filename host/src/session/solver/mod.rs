@@ -46,6 +46,9 @@ use sutura_shared::wire::message::{State, Tension, Tip};
 /// Seconds between two places of the hand that the solver is prepared for.
 const PREPARED_EVERY_S: f64 = 0.02;
 
+/// Force \[N\] and torque \[N m\] that are none.
+const NO_FORCE_N: f64 = 1e-9;
+
 /// A scene's solver, whose steps can be recorded and run again.
 pub struct SceneSolver {
     name: String,
@@ -494,8 +497,8 @@ impl SceneSolver {
     }
 
     /// Whether the driven tool was on tissue or another body in the last step, rather than at a thread, or withheld. Jaws hold
-    /// tissue without any force until they draw at it, and rows of a tool that `has_thread` may be those of a slack one.
-    fn presses(&self, needle: Option<&HeldNeedle>, has_thread: bool) -> bool {
+    /// tissue without any force until they draw at it, and a slack thread has rows without any.
+    fn presses(&self, needle: Option<&HeldNeedle>) -> bool {
         if let Follower::Prescribed(tissue) = &self.follower {
             return tissue.touched();
         }
@@ -508,7 +511,8 @@ impl SceneSolver {
             return false;
         }
         let contact = report.contacts().first();
-        contact.is_some_and(|contact| contact.rows > 0 && !has_thread)
+        let pushes = |wrench: &[f64; 6]| wrench.iter().any(|along| along.abs() > NO_FORCE_N);
+        contact.is_some_and(|contact| contact.rows > 0 && pushes(&contact.wrench))
             || needle.is_some_and(|needle| matches!(needle.tip, Tip::Holding | Tip::Inside))
     }
 
@@ -705,7 +709,7 @@ impl Solve for SceneSolver {
         let (mut needle, mut thread) = self.in_grip(&report, period_us);
         clock.lap(&mut stages.look_ns);
         let touched = self.touched(needle.as_ref(), thread.as_ref());
-        let presses = touched && self.presses(needle.as_ref(), thread.is_some());
+        let presses = touched && self.presses(needle.as_ref());
         let is_behind = report.status == Status::Behind;
         let mut outrun = false;
         if is_behind {

@@ -30,6 +30,8 @@ const WRAPS: f64 = 0.75;
 const FALL: (f64, f64) = (0.015, 0.02);
 /// The same of other tools: vertices that leave a face over its rim take a little with them.
 const FALL_OF_A_FACE: (f64, f64) = (0.1, 0.1);
+/// Share of the normal forces that other pieces of tissue may have where one alone presses on a tool.
+const OTHERS: f64 = 0.2;
 /// Cosine of the angle between a way straight in and the inward normal of the tissue, from which on it is one.
 const STRAIGHT_IN: f64 = 0.85;
 /// Ways aside of the way in that are none, in radii of the tool.
@@ -223,16 +225,19 @@ impl ToolContacts {
         false
     }
 
-    /// Whether all that presses on a tool belongs to one connected piece of tissue.
+    /// Whether one connected piece of tissue presses on a tool alone, but for [`OTHERS`].
     fn presses_one_piece(&self, tools: &TouchingTools, tool: u32) -> bool {
-        let pieces = self.pressing(tool).filter_map(|contact| {
-            let place = tools.place_of_node(contact.node)?;
-            Some(tools.piece[place])
-        });
-        let (least, most) = pieces.fold((u32::MAX, 0), |(least, most), piece| {
-            (least.min(piece), most.max(piece))
-        });
-        least >= most
+        let of_piece = |piece: u32| {
+            let own = self.pressing(tool).filter(move |contact| {
+                let place = tools.place_of_node(contact.node);
+                place.is_some_and(|place| tools.piece[place] == piece)
+            });
+            own.map(|contact| contact.lambda_n[0]).sum::<f64>()
+        };
+        let total: f64 = self.pressing(tool).map(|contact| contact.lambda_n[0]).sum();
+        self.pressing(tool)
+            .filter_map(|contact| tools.place_of_node(contact.node))
+            .any(|place| of_piece(tools.piece[place]) >= (1.0 - OTHERS) * total)
     }
 
     /// Whether all that a tool touches is prescribed.
