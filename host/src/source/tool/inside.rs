@@ -388,9 +388,10 @@ impl Balance<'_> {
         let solid = tools.solid(tool as usize, &placement);
         // A tool that has its middle outside and comes along the surface is at a rim, where tissue slips from its front to under it.
         let mut cores = solid.cores().into_iter();
-        let is_in = cores.any(|core| model.contains(&core) || self.is_within(model, &core));
-        let falls = falls && (is_in || self.heads_in(tool, &solid));
-        (turned < at_rest.least(is_round, falls) && (is_in || falls))
+        let wraps = turned < at_rest.least(is_round, falls)
+            && (cores.any(|core| model.contains(&core) || self.is_within(model, &core))
+                || (falls && self.heads_in(tool, &solid)));
+        wraps
             || solid
                 .behind_faces()
                 .any(|place| self.is_within(model, &place))
