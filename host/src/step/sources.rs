@@ -195,13 +195,11 @@ impl Sources {
                 .iter()
                 .for_each(|node| group_of[*node as usize] = group);
         }
-        let (body_of, _) = self.mesh.bodies();
-        let each = |of: &[u32]| {
-            let nodes = nodes.0.iter().chain(nodes.1);
-            nodes.map(|node| of[*node as usize]).collect()
-        };
-        let numbers = (each(&group_of), each(&body_of));
-        self.tools = TouchingTools::new(tools, least_m, nodes, at_rest, numbers);
+        let each = nodes.0.iter().chain(nodes.1);
+        let groups = each.map(|node| group_of[*node as usize]).collect();
+        let surface = self.mesh.boundary();
+        let edges = surface.edges().map(|side| surface.side_vertices(side));
+        self.tools = TouchingTools::new(tools, least_m, nodes, at_rest, groups, edges);
         self
     }
 

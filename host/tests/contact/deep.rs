@@ -500,6 +500,69 @@ fn a_ball_that_parts_the_lips_of_a_cut_is_not_inside() {
     }
 }
 
+/// A slab with a cut from its upper face, as deep and at the top as wide as this \[m\].
+fn cut_slab(depth_m: f64, width_m: f64) -> TetMesh {
+    let whole = slab([0.08, 0.06, 0.03], [24, 16, 9]).expect("a slab");
+    let mut points = whole.points_m().to_vec();
+    let on_cut = |at: &[f64; 3]| at[0].abs() < 1e-9 && at[2] > 1e-9 - depth_m;
+    let mut twin = BTreeMap::new();
+    for node in 0..whole.points_m().len() {
+        let at = points[node];
+        if on_cut(&at) {
+            let half_m = 0.5 * width_m * (1.0 + at[2] / depth_m);
+            points[node][0] = half_m;
+            twin.insert(node as u32, points.len() as u32);
+            points.push([-half_m, at[1], at[2]]);
+        }
+    }
+    let cells = whole.cells().iter().map(|cell| {
+        let middle: f64 = cell
+            .iter()
+            .map(|node| whole.points_m()[*node as usize][0])
+            .sum();
+        cell.map(|node| *twin.get(&node).filter(|_| middle < 0.0).unwrap_or(&node))
+    });
+    TetMesh::new(points, cells.collect()).expect("a slab with a cut")
+}
+
+/// The same where the cut ends in the tissue, for balls that stay above its bottom: there the lips are one patch.
+#[test]
+fn a_ball_that_parts_the_lips_of_an_incision_is_not_inside() {
+    for (depth_m, radius_m, friction, aside_m) in [
+        (0.02, 0.012, 0.1, 0.003),
+        (0.02, 0.012, 0.0, 0.003),
+        (0.02, 0.005, 0.1, 0.002),
+        (0.01, 0.008, 0.1, 0.002),
+        (0.01, 0.012, 0.0, 0.003),
+        (0.01, 0.005, 0.1, 0.002),
+        (0.01, 0.008, 0.0, 0.002),
+    ] {
+        let shape = Shape::Sphere { radius_m };
+        let tool = Tool {
+            friction,
+            ..Tool::new(shape, [0.0; 3])
+        };
+        let mesh = cut_slab(depth_m, 5e-4);
+        let bottom = |node: &u32| mesh.points_m()[*node as usize][2] < 1e-9 - 0.03;
+        let bottom: Vec<u32> = (0..mesh.points_m().len() as u32).filter(bottom).collect();
+        let mut bench = Bench::new(&mesh, &bottom, Loads::default(), &[(0, tool)]);
+        let mut state = State::new(&bench.model);
+        let (from, to) = (
+            radius_m + 0.002,
+            f64::max(-0.3 * radius_m, radius_m - 0.9 * depth_m),
+        );
+        for part in 0..=60_u32 {
+            let z = from + (to - from) * f64::from(part) / 60.0;
+            let report = bench.step(&mut state, at(aside_m, 0.001, z));
+            assert_eq!(
+                report.status,
+                Status::Ok,
+                "{depth_m} m deep, ball of {radius_m} m, friction {friction}, {aside_m} m aside, at {z}"
+            );
+        }
+    }
+}
+
 /// Goes there in as many steps as that takes.
 fn go(solver: &mut SceneSolver, position_m: [f64; 3]) -> StepReport {
     let mut report = step_to(solver, position_m, 0.0);

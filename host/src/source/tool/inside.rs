@@ -30,8 +30,8 @@ const WRAPS: f64 = 0.75;
 const FALL: (f64, f64) = (0.015, 0.02);
 /// The same of other tools: vertices that leave a face over its rim take a little with them.
 const FALL_OF_A_FACE: (f64, f64) = (0.1, 0.1);
-/// Share of the normal forces that other pieces of tissue may have where one alone presses on a tool.
-const OTHERS: f64 = 0.2;
+/// Share of the normal force that one patch of the surface has at least where it alone presses on a tool.
+const ALONE: f64 = 0.8;
 /// Cosine of the angle between a way straight in and the inward normal of the tissue, from which on it is one.
 const STRAIGHT_IN: f64 = 0.85;
 /// Ways aside of the way in that are none, in radii of the tool.
@@ -174,7 +174,7 @@ impl Hardest {
 
 impl ToolContacts {
     /// Contacts of a tool that press.
-    fn pressing(&self, tool: u32) -> impl Iterator<Item = &Contact> {
+    fn pressing(&self, tool: u32) -> impl Iterator<Item = &Contact> + Clone {
         let own = self.contacts.iter();
         own.filter(move |contact| contact.tool == tool && contact.lambda_n[0] > 0.0)
     }
@@ -223,21 +223,6 @@ impl ToolContacts {
         }
         *hardest = hardest.or(now, turn_m, solid.radius());
         false
-    }
-
-    /// Whether one connected piece of tissue presses on a tool alone, but for [`OTHERS`].
-    fn presses_one_piece(&self, tools: &TouchingTools, tool: u32) -> bool {
-        let of_piece = |piece: u32| {
-            let own = self.pressing(tool).filter(move |contact| {
-                let place = tools.place_of_node(contact.node);
-                place.is_some_and(|place| tools.piece[place] == piece)
-            });
-            own.map(|contact| contact.lambda_n[0]).sum::<f64>()
-        };
-        let total: f64 = self.pressing(tool).map(|contact| contact.lambda_n[0]).sum();
-        self.pressing(tool)
-            .filter_map(|contact| tools.place_of_node(contact.node))
-            .any(|place| of_piece(tools.piece[place]) >= (1.0 - OTHERS) * total)
     }
 
     /// Whether all that a tool touches is prescribed.
@@ -366,9 +351,12 @@ impl Balance<'_> {
         let is_round = matches!(shape, Shape::Sphere { .. } | Shape::Capsule { .. });
         let has_faces = matches!(shape, Shape::FlatPunch { .. } | Shape::RoundedBox { .. });
         let fall = if is_round { FALL } else { FALL_OF_A_FACE };
-        // Where pieces of tissue part before a tool, the force falls as well.
-        let falls = self.state.tools.falls(tools, tool, &at_rest.force, fall)
-            && self.state.tools.presses_one_piece(tools, tool);
+        let falls = self.state.tools.falls(tools, tool, &at_rest.force, fall);
+        // Where the lips of a cut part before a tool, the force falls as well.
+        let falls = falls && {
+            let pressing = self.state.tools.pressing(tool);
+            self.work.tools.patches.largest_share(tools, pressing) >= ALONE
+        };
         let suspect = if has_faces {
             WRAPS
         } else {

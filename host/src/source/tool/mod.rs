@@ -10,6 +10,7 @@ mod accept;
 mod cones;
 mod inside;
 mod load;
+mod patches;
 mod reach;
 mod rows;
 mod source;
@@ -20,6 +21,7 @@ pub(crate) use cones::{ALIKE_M, Cones, in_units};
 use inside::Sunk;
 pub(crate) use inside::{Hardest, Slipped};
 pub(crate) use load::Load;
+use patches::Patches;
 pub(crate) use reach::NEAR;
 use rows::Settled;
 pub(crate) use source::{ToolSource, ToolWork};
@@ -71,8 +73,8 @@ pub(crate) struct TouchingTools {
     normals: Vec<Vector3<f64>>,
     /// In which group of the hierarchy each is, (b).
     group: Vec<u32>,
-    /// Connected piece of tissue that each belongs to, (b).
-    piece: Vec<u32>,
+    /// Places of two of them that are ends of an edge of the surface.
+    edges: Vec<[u32; 2]>,
     /// Groups that they are in.
     groups: usize,
     /// Around runs of them, so many one after the other: mesh generators number neighbours one after the other, too, and
@@ -177,13 +179,14 @@ pub(crate) struct ToolContacts {
 
 impl TouchingTools {
     /// The tools that have a shape, for a boundary with the nodes `free` and `prescribed`, at `resting_m` (b) \[m\] with the outward
-    /// `normals` (b), in `group` (b) and of `piece` (b).
+    /// `normals` (b), in `group` (b); ends of the surface's `edges` are mesh nodes.
     pub fn new(
         tools: &[(u8, Tool)],
         least_m: f64,
         (free, prescribed): (&[u32], &[u32]),
         (resting_m, normals): (&[Vector3<f64>], &[Vector3<f64>]),
-        (group, piece): (Vec<u32>, Vec<u32>),
+        group: Vec<u32>,
+        edges: impl Iterator<Item = [u32; 2]>,
     ) -> Self {
         let touching = tools
             .iter()
@@ -194,7 +197,7 @@ impl TouchingTools {
             tool: tool.clone(),
             least_m,
         });
-        Self {
+        let mut tools = Self {
             each: each.collect(),
             nodes: [free, prescribed].concat(),
             free: free.len(),
@@ -202,17 +205,30 @@ impl TouchingTools {
             normals: normals.to_vec(),
             groups: group.iter().max().map_or(0, |last| *last as usize + 1),
             group,
-            piece,
+            edges: Vec::new(),
             runs: Tree::new(resting_m.len().div_ceil(RUN) as u32, |run| {
                 let own = resting_m.iter().skip(RUN * run as usize).take(RUN);
                 own.fold(Bounds::NOTHING, |all, at| all.with(at))
             }),
-        }
+        };
+        let places = |ends: [u32; 2]| {
+            let [first, second] = ends.map(|end| tools.place_of_node(end));
+            Some([first? as u32, second? as u32])
+        };
+        tools.edges = edges.filter_map(places).collect();
+        tools
     }
 
     /// No tools.
     pub fn none() -> Self {
-        Self::new(&[], 0.0, (&[], &[]), (&[], &[]), (Vec::new(), Vec::new()))
+        Self::new(
+            &[],
+            0.0,
+            (&[], &[]),
+            (&[], &[]),
+            Vec::new(),
+            std::iter::empty(),
+        )
     }
 
     pub fn each(&self) -> &[TouchingTool] {

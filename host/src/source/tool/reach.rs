@@ -232,8 +232,14 @@ mod tests {
         // Every third run is of prescribed nodes.
         let free = count - count / 3;
         let nodes = nodes.split_at(free);
-        let piece = vec![0; group.len()];
-        TouchingTools::new(&tools, 0.01, nodes, (&at, &normals), (group, piece))
+        TouchingTools::new(
+            &tools,
+            0.01,
+            nodes,
+            (&at, &normals),
+            group,
+            std::iter::empty(),
+        )
     }
 
     fn somewhere(rng: &mut fastrand::Rng) -> Placement {

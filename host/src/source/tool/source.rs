@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`ToolSource`].
 
-use super::{Settled, Slipped, TouchingTools, Turning, Turns};
+use super::{Patches, Settled, Slipped, TouchingTools, Turning, Turns};
 use crate::marks::Marks;
 use crate::needle::MOST_GROUPS;
 use crate::source::{Room, Source};
@@ -27,6 +27,7 @@ pub(crate) struct ToolWork {
     pub next_gaps: Vec<(f64, u32)>,
     /// Tool or body that has slipped into the tissue, after [`Balance::slipped_in`].
     pub slipped: Option<Slipped>,
+    pub patches: Patches,
     turning: Option<Turning>,
     /// Whether normals turn in the next solve.
     turns: bool,
@@ -44,6 +45,7 @@ impl ToolWork {
             next_nodes: Vec::with_capacity(pairs),
             next_gaps: Vec::with_capacity(pairs),
             slipped: None,
+            patches: Patches::new(tools),
             turning: tools.turning(most_rows),
             turns: false,
         }

@@ -1,0 +1,88 @@
+//! Patches of the surface that a tool presses on: touched vertices with no more than two others between them.
+//!
+//! Entry point: [`Patches::largest_share`]. Lips of a cut are two patches, of one mesh or of two: the way along the surface from
+//! one to the other leads around the cut.
+
+use super::{Contact, TouchingTools};
+use crate::marks::Marks;
+
+/// Of no patch.
+const NONE: u32 = u32::MAX;
+
+/// Scratch: a forest of touched vertices and those beside them (Galler & Fischer 1964).
+#[derive(Debug)]
+pub(crate) struct Patches {
+    touched: Marks,
+    /// Another vertex of its patch, or itself, (b).
+    parent: Vec<u32>,
+    /// Normal force on the patch of a vertex that is its own parent \[N\], (b).
+    force_n: Vec<f64>,
+}
+
+impl Patches {
+    pub fn new(tools: &TouchingTools) -> Self {
+        let count = tools.nodes.len();
+        Self {
+            touched: Marks::new(count),
+            parent: vec![NONE; count],
+            force_n: vec![0.0; count],
+        }
+    }
+
+    /// Share of the normal force of `contacts` that the patch with the most of it has; 0 without force.
+    pub(super) fn largest_share<'a>(
+        &mut self,
+        tools: &TouchingTools,
+        contacts: impl Iterator<Item = &'a Contact> + Clone,
+    ) -> f64 {
+        let pressed = contacts.filter_map(|contact| {
+            let place = tools.place_of_node(contact.node)?;
+            Some((place as u32, contact.lambda_n[0]))
+        });
+        self.join(tools, pressed.clone().map(|(place, _)| place));
+        let (mut most_n, mut total_n) = (0.0f64, 0.0);
+        for (place, force_n) in pressed {
+            let patch = self.patch_of(place) as usize;
+            self.force_n[patch] += force_n;
+            most_n = most_n.max(self.force_n[patch]);
+            total_n += force_n;
+        }
+        if total_n > 0.0 { most_n / total_n } else { 0.0 }
+    }
+
+    /// Makes patches of what is `touched` and of the vertices beside it.
+    fn join(&mut self, tools: &TouchingTools, touched: impl Iterator<Item = u32>) {
+        self.touched.clear();
+        self.parent.fill(NONE);
+        self.force_n.fill(0.0);
+        for place in touched {
+            self.touched.set(place);
+            self.parent[place as usize] = place;
+        }
+        for edge in &tools.edges {
+            if edge.iter().any(|end| self.touched.has(*end)) {
+                for end in edge {
+                    let parent = &mut self.parent[*end as usize];
+                    *parent = if *parent == NONE { *end } else { *parent };
+                }
+            }
+        }
+        for edge in &tools.edges {
+            if edge.iter().all(|end| self.parent[*end as usize] != NONE) {
+                let [first, second] = edge.map(|end| self.patch_of(end));
+                self.parent[first.max(second) as usize] = first.min(second);
+            }
+        }
+    }
+
+    /// The vertex that stands for the patch of a vertex; ways to it become shorter.
+    fn patch_of(&mut self, place: u32) -> u32 {
+        let mut at = place;
+        while self.parent[at as usize] != at {
+            let next = self.parent[at as usize];
+            self.parent[at as usize] = self.parent[next as usize];
+            at = next;
+        }
+        at
+    }
+}
