@@ -639,7 +639,11 @@ impl Statistics {
         };
         let idle = "no usable contact for too long".to_owned();
         let found = [
-            (Fault, (mode == Mode::Fault).then(|| said(faults))),
+            // Faults stay latched until the console is at rest: one that names some is in fault whatever its mode.
+            (
+                Fault,
+                (mode == Mode::Fault || !faults.is_empty()).then(|| said(faults)),
+            ),
             (NotRendered, self.not_rendered()),
             (Inside, inside()),
             (Untouched, self.untouched()),
@@ -876,6 +880,25 @@ mod tests {
         }
         let summary = tally.summary(&LinkCounters::default(), 1000);
         assert_eq!(summary.ticks_withheld, 4);
+    }
+
+    /// Latched faults count whatever mode a console says that it is in.
+    #[test]
+    fn a_console_with_latched_faults_is_in_fault() {
+        let ending = |mode, faults| {
+            let mut tally = Statistics::new(100.0);
+            (0..10).for_each(|tick| tally.state(&state(tick, 0.0, 1.0)));
+            tally.state(&State {
+                mode,
+                faults,
+                ..state(10, 0.0, 1.0)
+            });
+            tally.summary(&LinkCounters::default(), 1000).ending.kind
+        };
+        for mode in [Mode::Armed, Mode::Decaying, Mode::Idle, Mode::Fault] {
+            assert_eq!(ending(mode, 4), EndingKind::Fault, "{mode:?}");
+        }
+        assert_ne!(ending(Mode::Armed, 0), EndingKind::Fault);
     }
 
     #[test]
