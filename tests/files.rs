@@ -7,6 +7,28 @@ use sutura_host::output::{MeshFormat, write_mesh};
 
 const SESSION: [&str; 6] = ["run", "--lockstep", "--seconds", "0.1", "--format", "json"];
 
+/// A link of the user's is kept by a console that would put its own in that place, wherever it leads.
+#[cfg(unix)]
+#[test]
+fn a_console_replaces_no_link_but_to_a_terminal() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = folder.path();
+    std::fs::write(at.join("mine.txt"), "mine").expect("writable");
+    for target in ["mine.txt", ".", "/dev/null"] {
+        let link = at.join("port");
+        std::os::unix::fs::symlink(target, &link).expect("a link");
+        let ran = sutura_in(at, &["console", "--link", "port"]);
+        assert_eq!(ran.code, 2, "{target}: {}", ran.stderr);
+        assert!(
+            ran.stderr.contains("cannot make the link port"),
+            "{}",
+            ran.stderr
+        );
+        assert_eq!(std::fs::read_link(&link).expect("there"), Path::new(target));
+        std::fs::remove_file(&link).expect("there");
+    }
+}
+
 #[test]
 fn what_is_there_is_kept_unless_asked() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -23,7 +23,7 @@ mod virtual_console;
 pub use fault_proxy::FaultProxy;
 pub use native::NativeConsole;
 #[cfg(unix)]
-pub use pty::Pty;
+pub use pty::{Pty, PtyLink};
 #[cfg(unix)]
 pub use qemu::{Qemu, QemuError, QemuOptions};
 #[cfg(unix)]

@@ -8,8 +8,39 @@ use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 use std::io;
 use std::os::fd::OwnedFd;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 use sutura_host::link::Port;
+
+/// A symbolic link to a pseudo-terminal, which goes with this.
+#[derive(Debug)]
+pub struct PtyLink(PathBuf);
+
+impl PtyLink {
+    /// Makes a link to the terminal at `path`. One that a killed console has left behind is replaced: it leads to a
+    /// pseudo-terminal, or nowhere.
+    ///
+    /// # Errors
+    /// The system's, if it cannot be made, or something else is there.
+    pub fn make(link: &Path, path: &str) -> io::Result<PtyLink> {
+        if let Ok(target) = std::fs::read_link(link) {
+            let is_terminal = ["/dev/pts", "/dev/ttys"]
+                .iter()
+                .any(|of| target.starts_with(of));
+            if is_terminal || !link.exists() {
+                std::fs::remove_file(link)?;
+            }
+        }
+        std::os::unix::fs::symlink(path, link)?;
+        Ok(PtyLink(link.to_owned()))
+    }
+}
+
+impl Drop for PtyLink {
+    fn drop(&mut self) {
+        drop(std::fs::remove_file(&self.0));
+    }
+}
 
 /// The master side of a pseudo-terminal.
 #[derive(Debug)]

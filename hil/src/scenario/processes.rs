@@ -8,7 +8,7 @@ use super::peer::{ByTheClock, InLockstep, Peer, PeerError};
 use super::run::Hosts;
 use super::suite::Bench;
 use super::{ConsoleKind, Ticks, World};
-use crate::{Pty, QemuConsole};
+use crate::{Pty, PtyLink, QemuConsole};
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -177,7 +177,7 @@ impl Host for PtyHost {
 pub struct Relay {
     processes: Processes,
     pty: Pty,
-    link: PathBuf,
+    _link: PtyLink,
 }
 
 impl Relay {
@@ -187,22 +187,13 @@ impl Relay {
     /// When the system gives no pseudo-terminal, or no link to it.
     pub fn new(sutura: PathBuf, link: PathBuf) -> Result<Self, PeerError> {
         let pty = Pty::open().map_err(system("no pseudo-terminal for the host"))?;
-        if link.is_symlink() {
-            drop(std::fs::remove_file(&link));
-        }
-        let made = std::os::unix::fs::symlink(pty.path(), &link);
-        made.map_err(system(format!("cannot make the link {}", link.display())))?;
+        let made = PtyLink::make(&link, pty.path());
+        let link = made.map_err(system(format!("cannot make the link {}", link.display())))?;
         Ok(Relay {
             processes: Processes::new(sutura)?,
             pty,
-            link,
+            _link: link,
         })
-    }
-}
-
-impl Drop for Relay {
-    fn drop(&mut self) {
-        drop(std::fs::remove_file(&self.link));
     }
 }
 

@@ -66,21 +66,23 @@ pub fn run(args: &ConsoleArgs, global: &Global) -> Result<(), Failure> {
     use crate::signals::stop_on_signals;
     use std::io::Write;
     use std::sync::atomic::{AtomicBool, Ordering};
-    use sutura_hil::VirtualConsole;
+    use sutura_hil::{PtyLink, VirtualConsole};
 
     let device = crate::device::open(args.device.as_deref())?;
     let stop = stop_on_signals()?;
     let console = VirtualConsole::start_without(&device, args.without.unwrap_or_default())
         .map_err(link_failure)?;
     let path = console.path().unwrap_or_default().to_owned();
-    let link = args
-        .link
-        .as_deref()
-        .map(|link| Symlink::make(link, &path))
-        .transpose()?;
-    let port = link
-        .as_ref()
-        .map_or(path.clone(), |link| link.0.display().to_string());
+    let make = |link: &PathBuf| {
+        PtyLink::make(link, &path).map_err(|error| {
+            let message = format!("cannot make the link {}: {error}", link.display());
+            let help = "name a place that is yours and where no file is";
+            Failure::say(Cause::BadInput, message, help)
+        })
+    };
+    let link = args.link.as_ref();
+    let port = link.map_or(path.clone(), |link| link.display().to_string());
+    let _link = link.map(make).transpose()?;
     match global.format {
         Format::Json => crate::display::object(&Started {
             port,
@@ -109,34 +111,4 @@ pub fn run(_args: &ConsoleArgs, _global: &Global) -> Result<(), Failure> {
         message,
         "use `sutura run --console virtual`",
     ))
-}
-
-/// A symbolic link that goes when the console does.
-#[cfg(unix)]
-struct Symlink(PathBuf);
-
-#[cfg(unix)]
-impl Symlink {
-    fn make(link: &std::path::Path, path: &str) -> Result<Symlink, Failure> {
-        // One that a killed console left behind is replaced; a file is not.
-        if link.is_symlink() {
-            let _ = std::fs::remove_file(link);
-        }
-        std::os::unix::fs::symlink(path, link).map_err(|error| {
-            let message = format!("cannot make the link {}: {error}", link.display());
-            Failure::say(
-                Cause::BadInput,
-                message,
-                "name a place that is yours and where no file is",
-            )
-        })?;
-        Ok(Symlink(link.to_owned()))
-    }
-}
-
-#[cfg(unix)]
-impl Drop for Symlink {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_file(&self.0);
-    }
 }

@@ -713,8 +713,13 @@ fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
         EndingKind::Stopped => note!("stopped: {why}"),
         _ => {}
     }
-    if summary.contact_steps == 0 {
-        note!("nothing was touched");
+    match summary.contact_steps {
+        0 => note!("the tool in the hand touched nothing"),
+        steps if summary.is_faint() => note!(
+            "in {steps} steps something was held or touched, and the largest force was {:.4} mN",
+            1e3 * summary.force_n.solved_peak
+        ),
+        _ => {}
     }
     if let Some(budget_ms) = args.budget_ms
         && summary.step_us.p99 > 1e3 * budget_ms

@@ -588,6 +588,28 @@ fn cleaning_drops_unused_nodes_turns_cells_and_keeps_regions() {
     assert!(mesh.check().is_ok());
 }
 
+/// Attributes without end are refused before the parser compares each with each; `=` in values and text are none.
+#[test]
+fn an_element_with_attributes_without_end_is_refused() {
+    let element = |count: u32, value: &str| {
+        let attributes: Vec<_> = (0..count).map(|n| format!("a{n}=\"{value}\"")).collect();
+        format!(
+            "<VTKFile>\n<DataArray {}/>==</VTKFile>",
+            attributes.join("\n")
+        )
+    };
+    let said = |text: String| broken("a.vtu", text.as_bytes()).0.expect("no mesh");
+    let refused = said(element(100_000, "1"));
+    assert!(
+        refused.contains("line 1002") && refused.contains("at most 1000 attributes"),
+        "{refused}"
+    );
+    for good in [element(1_000, "1"), element(900, "<a='>' b==>")] {
+        let other = said(good);
+        assert!(!other.contains("attributes"), "{other}");
+    }
+}
+
 /// An array of `.vtu` as base64, packed in blocks of a mebibyte.
 fn packed(kind: &str, name: &str, bytes: &[u8]) -> String {
     const BLOCK: usize = 1 << 20;

@@ -100,7 +100,7 @@ pub struct Statistics {
 /// A force below this nobody notices \[N\].
 const NOTICED_N: f64 = 1e-3;
 /// Largest force of a tool that touches, below which the tissue cannot be meant \[N\].
-const FAINT_N: f64 = 5e-3;
+pub(super) const FAINT_N: f64 = 5e-3;
 /// Force that is felt beyond doubt \[N\].
 const FELT_N: f64 = 0.05;
 /// Safe stops of which a summary tells.

@@ -4,7 +4,7 @@
 
 use super::limited::Cuts;
 use super::overload::GivenUp;
-use super::statistics::MOST_SPOILT;
+use super::statistics::{FAINT_N, MOST_SPOILT};
 use super::{Chosen, Ending, EndingKind, LimitedTicks};
 use super::{MachineLate, Scheduling};
 use crate::wound::Overlap;
@@ -338,6 +338,11 @@ impl Summary {
             solved_n: self.force_n.solved_peak,
         };
         cuts.are_many()
+    }
+
+    /// Whether no finger notices the largest force, felt or found.
+    pub fn is_faint(&self) -> bool {
+        self.force_n.peak.max(self.force_n.solved_peak) < FAINT_N
     }
 
     /// Why most of the steps were withheld that were; none if those were no more than a session may have of its steps in

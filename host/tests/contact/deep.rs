@@ -392,6 +392,49 @@ fn both_ends_of_a_tool_are_looked_at() {
     }
 }
 
+/// Balls that are pressed in on slanted ways: the force falls by no more than a tenth before they are said to be inside.
+#[test]
+fn a_ball_on_a_slanted_way_in_is_looked_at_as_well() {
+    let mut words = 0;
+    for (degrees, turn, friction) in [
+        (36.0f64, 0.0f64, 0.0),
+        (45.0, 0.0, 0.0),
+        (45.0, 2.1, 0.1),
+        (52.0, 1.0, 0.0),
+        (52.0, 0.0, 0.1),
+    ] {
+        let shape = Shape::Sphere { radius_m: RADIUS };
+        let tool = Tool {
+            friction,
+            ..Tool::new(shape, [0.0; 3])
+        };
+        let mut bench = Bench::slab(tool);
+        let mut state = State::new(&bench.model);
+        let (slant, mut hardest_n) = (degrees.to_radians().tan(), 0.0f64);
+        for part in 0..=90_u32 {
+            let z = RADIUS - 2.1e-4 * f64::from(part);
+            let aside_m = slant * (0.5 * RADIUS - z);
+            let report = bench.step(
+                &mut state,
+                at(aside_m * turn.cos(), aside_m * turn.sin(), z),
+            );
+            if report.status != Status::Ok {
+                words += u32::from(report.status == Status::Inside);
+                hardest_n = 0.0;
+                continue;
+            }
+            let wrench = report.contacts()[0].wrench;
+            let force_n = Vector3::new(wrench[0], wrench[1], wrench[2]).norm();
+            assert!(
+                force_n > 0.87 * hardest_n - 0.1,
+                "{degrees} degrees towards {turn}, friction {friction}, {z}: {force_n} N after {hardest_n} N"
+            );
+            hardest_n = hardest_n.max(force_n);
+        }
+    }
+    assert!(words > 0);
+}
+
 /// A ball as a mesh of 512 triangles: its force falls by no more than a tenth before it is said to be inside.
 #[test]
 fn a_ball_that_is_a_mesh_is_looked_at_as_well() {

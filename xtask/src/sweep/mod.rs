@@ -23,6 +23,9 @@ const SECONDS: f64 = 1.5;
 /// Least force that a finger feels, and largest force of a frame ahead of its solve \[N\].
 const FELT_N: f64 = 5e-3;
 
+/// What the command says of a session in which a slack thread or the like was held.
+const FAINT: &str = "and the largest force was";
+
 /// Options of the sweep.
 #[derive(Args, Clone, Debug)]
 pub struct Arguments {
@@ -325,7 +328,7 @@ impl Sweep {
             words.extend(["--seconds", seconds]);
         }
         let ended = self.run(path, &words)?;
-        let Ended::Exit { code, out, .. } = &ended else {
+        let Ended::Exit { code, out, err } = &ended else {
             return Ok(ended_badly(path, &ended));
         };
         let Ok(summary) = serde_json::from_str::<Value>(out) else {
@@ -333,6 +336,7 @@ impl Sweep {
         };
         let status = summary["status"].as_str().unwrap_or_default();
         Ok(match code {
+            0 if err.contains(FAINT) => Outcome::Said(FAINT.to_owned()),
             0 if status == "ok" => judge(&summary, unchanged),
             0 | 8 => Outcome::Said(format!("{status} (exit code {code})")),
             _ => ended_badly(path, &ended),

@@ -22,6 +22,8 @@ const ROOM: u64 = 64 << 20;
 const TIMES: u64 = 100;
 /// Elements of XML at most: a piece of a mesh has some twenty.
 const MOST_ELEMENTS: u32 = 1_000_000;
+/// Attributes of an element at most: the parser compares each with each.
+const MOST_ATTRIBUTES: u32 = 1_000;
 
 /// Reads a file, in its own unit of length. Regions are those of the cell array of the name `region_array`, or of a
 /// name that is known.
@@ -30,6 +32,7 @@ const MOST_ELEMENTS: u32 = 1_000_000;
 /// A [`MeshError`] with the line of the array; volume cells other than tetrahedra are refused.
 pub(super) fn read_vtu(bytes: &[u8], region_array: Option<&str>) -> Result<RawMesh, MeshError> {
     let (text, appended) = split(bytes)?;
+    check_attributes(&text)?;
     let options = ParsingOptions {
         nodes_limit: MOST_ELEMENTS,
         ..ParsingOptions::default()
@@ -67,6 +70,35 @@ pub(super) fn read_vtu(bytes: &[u8], region_array: Option<&str>) -> Result<RawMe
     file.regions(&pieces, &mut grid)?;
     let end = file.place(root);
     grid.into_mesh(end)
+}
+
+/// Checks that no element has more attributes than [`MOST_ATTRIBUTES`].
+fn check_attributes(text: &str) -> Result<(), MeshError> {
+    // How many this tag has so far, between quotes of which kind.
+    let mut tag = None;
+    let mut quote = None;
+    let mut line = 1;
+    for byte in text.bytes() {
+        line += usize::from(byte == b'\n');
+        match (&mut tag, quote) {
+            (None, _) if byte == b'<' => tag = Some(0),
+            (Some(_), Some(end)) if byte == end => quote = None,
+            (Some(_), None) if byte == b'>' => tag = None,
+            (Some(_), None) if matches!(byte, b'"' | b'\'') => quote = Some(byte),
+            (Some(count), None) if byte == b'=' => {
+                *count += 1;
+                if *count > MOST_ATTRIBUTES {
+                    return Err(MeshError::Syntax {
+                        at: Place::Line(line),
+                        expected: format!("an element with at most {MOST_ATTRIBUTES} attributes"),
+                        found: "one with more".into(),
+                    });
+                }
+            }
+            _ => {}
+        }
+    }
+    Ok(())
 }
 
 /// The XML, and what is appended to it as bytes, which need not be text.

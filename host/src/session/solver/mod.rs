@@ -497,26 +497,33 @@ impl SceneSolver {
     }
 
     /// Whether the driven tool was on tissue or another body in the last step, rather than at a thread, or withheld. Jaws hold
-    /// tissue without any force until they draw at it, and a slack thread has rows without any.
+    /// tissue without any force until they draw at it.
     fn presses(&self, needle: Option<&HeldNeedle>) -> bool {
         if let Follower::Prescribed(tissue) = &self.follower {
             return tissue.touched();
         }
-        let report = &self.past.last;
-        if report
-            .jaws()
-            .iter()
-            .any(|jaws| Some(jaws.tool) == self.driven())
-        {
-            return false;
-        }
-        let contact = report.contacts().first();
-        let pushes = |wrench: &[f64; 6]| wrench.iter().any(|along| along.abs() > NO_FORCE_N);
-        contact.is_some_and(|contact| contact.rows > 0 && pushes(&contact.wrench))
-            || needle.is_some_and(|needle| matches!(needle.tip, Tip::Holding | Tip::Inside))
+        !self.drives_jaws()
+            && (self.pushes()
+                || needle.is_some_and(|needle| matches!(needle.tip, Tip::Holding | Tip::Inside)))
     }
 
-    /// Whether the driven tool was in contact in the last step, also where the result is withheld.
+    /// Whether the driven tool is jaws.
+    fn drives_jaws(&self) -> bool {
+        let jaws = self.past.last.jaws();
+        jaws.iter().any(|jaws| Some(jaws.tool) == self.driven())
+    }
+
+    /// Whether the last step's contact has rows and a force.
+    fn pushes(&self) -> bool {
+        let contact = self.past.last.contacts().first();
+        contact.is_some_and(|contact| {
+            let has_force = contact.wrench.iter().any(|along| along.abs() > NO_FORCE_N);
+            contact.rows > 0 && has_force
+        })
+    }
+
+    /// Whether the driven tool was in contact in the last step, also where the result is withheld. A slack thread has rows, and jaws
+    /// close, without any force.
     fn touched(&self, needle: Option<&HeldNeedle>, thread: Option<&HeldThread>) -> bool {
         if let Follower::Prescribed(tissue) = &self.follower {
             return tissue.touched();
@@ -525,7 +532,8 @@ impl SceneSolver {
         match report.status {
             Status::Ok | Status::Behind => {
                 let contact = report.contacts().first();
-                contact.is_some_and(|contact| contact.rows > 0)
+                self.pushes()
+                    || (self.drives_jaws() && contact.is_some_and(|contact| contact.rows > 0))
                     || needle.is_some_and(|needle| needle.tip != Tip::Outside)
                     || thread.is_some_and(|thread| thread.state != Tension::Slack)
             }

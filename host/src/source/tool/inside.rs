@@ -34,6 +34,8 @@ const FALL_OF_A_FACE: (f64, f64) = (0.1, 0.1);
 const ALONE: f64 = 0.8;
 /// Cosine of the angle between a way straight in and the inward normal of the tissue, from which on it is one.
 const STRAIGHT_IN: f64 = 0.85;
+/// Way aside of a way that is still one in, as a part of the way in: 55 degrees. Beyond 45 a fall has to be as large as that of a tool with faces.
+const SLANT: f64 = 1.5;
 /// Ways aside of the way in that are none, in radii of the tool.
 const ASIDE: f64 = 0.02;
 /// Distance around the contact within which the tissue's mean rotation is taken, in radii of the tool.
@@ -150,12 +152,15 @@ impl Hardest {
         }
     }
 
-    /// Whether the force has fallen since by this share and \[N\], and the tool gone straight on in.
-    fn has_fallen(&self, turn_m: f64, (share, least_n): (f64, f64)) -> bool {
+    /// Whether the force has fallen since by this share and \[N\], and the tool gone straight on in, or by a tenth on a way that is slanted.
+    fn has_fallen(&self, turn_m: f64, fall: (f64, f64)) -> bool {
         let way = self.way();
         let [most_n, last_n] = self.against();
-        -way.dot(&self.out) > self.aside_of(&way, turn_m)
-            && last_n < most_n - f64::max(share * most_n, least_n)
+        let (deeper_m, aside_m) = (-way.dot(&self.out), self.aside_of(&way, turn_m));
+        let lost_n = |(share, least_n)| f64::max(share * most_n, least_n);
+        let is_slanted = aside_m < SLANT * deeper_m && last_n < most_n - lost_n(FALL_OF_A_FACE);
+        let is_straight = aside_m < deeper_m && last_n < most_n - lost_n(fall);
+        is_straight || is_slanted
     }
 
     /// Way across the way in \[m\], turns included.
@@ -168,7 +173,9 @@ impl Hardest {
         let way = self.way();
         let [most_n, last_n] = self.against();
         let deeper_m = -way.dot(&self.out);
-        last_n >= most_n || deeper_m <= 0.0 || self.aside_of(&way, turn_m) > deeper_m + aside_m
+        last_n >= most_n
+            || deeper_m <= 0.0
+            || self.aside_of(&way, turn_m) > SLANT * deeper_m + aside_m
     }
 }
 
