@@ -221,7 +221,7 @@ pub struct Summary {
     pub session_us: StepTime,
     /// Largest mean of `session_us` in a second of the session \[us\].
     pub worst_second_us: f64,
-    /// Solver steps in which the driven tool touched.
+    /// Solver steps in which the driven tool touched, or what its grip holds: tissue, or a taut thread.
     pub contact_steps: u64,
     /// What was given up because solves took too long.
     pub overload: GivenUp,
