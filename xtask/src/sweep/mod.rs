@@ -26,6 +26,9 @@ const FELT_N: f64 = 5e-3;
 /// What the command says of a session in which a slack thread or the like was held.
 const FAINT: &str = "and the largest force was";
 
+/// What the command says of a console that goes to rest by itself.
+const LET_GO: &str = "the console let go";
+
 /// Options of the sweep.
 #[derive(Args, Clone, Debug)]
 pub struct Arguments {
@@ -390,6 +393,8 @@ fn ended_badly(path: &Path, ended: &Ended) -> Outcome {
     let message = message.trim().to_owned();
     match code {
         2 if err.contains(&format!("{name}:")) => Outcome::Refused(message),
+        // It says why behind that.
+        1 if message.contains(LET_GO) => Outcome::Said(message),
         2 => Outcome::Wrong(format!("refused, but at no place: {message}")),
         _ => Outcome::Wrong(format!("exit code {code}: {message}")),
     }
