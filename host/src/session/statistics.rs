@@ -562,6 +562,20 @@ impl Statistics {
         })
     }
 
+    /// Why nobody knows what would have been touched, if nothing was and tools were behind the hand for much of the session.
+    fn never_came(&self) -> Option<String> {
+        let (behind, steps) = (self.steps_behind as f64, self.steps_ns.count() as f64);
+        let is_so = self.contact_steps == 0
+            && behind > MOST_SPOILT * steps
+            && behind >= self.enough_steps();
+        is_so.then(|| {
+            format!(
+                "in {behind} of {steps} steps tools lagged behind the hand, by {:.3} mm at most, and they touched nothing",
+                1e3 * self.most_lag_m
+            )
+        })
+    }
+
     /// Why most steps say little of where the hand was, if so.
     fn outrun(&self) -> Option<String> {
         let steps = self.contact_steps.max(self.steps_outrun) as f64;
@@ -647,7 +661,7 @@ impl Statistics {
             (NotRendered, self.not_rendered()),
             (Inside, inside()),
             (Untouched, self.untouched()),
-            (Behind, self.outrun()),
+            (Behind, self.outrun().or_else(|| self.never_came())),
             (Faint, self.faint()),
             (Stopped, rests(stop.is_some(), stopped)),
             (Idle, rests(true, idle)),
@@ -1030,6 +1044,33 @@ mod tests {
 
     fn status(tally: &Statistics) -> String {
         tally.summary(&LinkCounters::default(), 1000).status
+    }
+
+    /// A tool that is behind its hand for much of a session in which it touches nothing may have missed the tissue; a fast way in
+    /// the air beside others says nothing.
+    #[test]
+    fn a_tool_that_never_comes_is_not_ok() {
+        let lag = Solved {
+            status: Status::Behind,
+            lag_m: 3e-3,
+            ..Solved::default()
+        };
+        let ended = |lags: u32, others: u32, other: &Solved| {
+            let mut tally = Statistics::new(200.0);
+            tally.state(&state(0, 0.0, 0.0));
+            (0..lags).for_each(|_| tally.step(&lag, Duration::ZERO));
+            (0..others).for_each(|_| tally.step(other, Duration::ZERO));
+            status(&tally)
+        };
+        let air = Solved::default();
+        let said = ended(60, 60, &air);
+        assert!(
+            said.starts_with("behind: in 60 of 120 steps") && said.contains("3.000 mm"),
+            "{said}"
+        );
+        assert_eq!(ended(10, 10, &air), "ok");
+        assert_eq!(ended(60, 400, &air), "ok");
+        assert!(!ended(60, 60, &in_contact(1.0)).starts_with("behind"));
     }
 
     /// Each way not to be `ok` has its status word, and a little of each passes.
