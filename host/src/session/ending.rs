@@ -17,7 +17,7 @@ pub enum EndingKind {
     Overlap,
     /// A force was felt, and no step found a contact.
     Untouched,
-    /// Tools lagged behind the hand by more than they touched.
+    /// Tools lagged behind the hand by more than they touched, or for long and touched nothing.
     Behind,
     /// The tool touched, and no finger notices the largest force.
     Faint,
