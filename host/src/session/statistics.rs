@@ -1050,10 +1050,15 @@ mod tests {
     /// the air beside others says nothing.
     #[test]
     fn a_tool_that_never_comes_is_not_ok() {
+        let air = Solved {
+            touched: false,
+            presses: false,
+            ..in_contact(0.0)
+        };
         let lag = Solved {
             status: Status::Behind,
             lag_m: 3e-3,
-            ..Solved::default()
+            ..air
         };
         let ended = |lags: u32, others: u32, other: &Solved| {
             let mut tally = Statistics::new(200.0);
@@ -1062,7 +1067,6 @@ mod tests {
             (0..others).for_each(|_| tally.step(other, Duration::ZERO));
             status(&tally)
         };
-        let air = Solved::default();
         let said = ended(60, 60, &air);
         assert!(
             said.starts_with("behind: in 60 of 120 steps") && said.contains("3.000 mm"),
