@@ -23,10 +23,10 @@ const SECONDS: f64 = 1.5;
 /// Least force that a finger feels, and largest force of a frame ahead of its solve \[N\].
 const FELT_N: f64 = 5e-3;
 
-/// What the command says of a session in which a slack thread or the like was held.
+/// Words of the command about a session in which a slack thread or the like was held.
 const FAINT: &str = "and the largest force was";
 
-/// What the command says of a console that goes to rest by itself.
+/// Words of the command about a console that goes to rest by itself.
 const LET_GO: &str = "the console let go";
 
 /// Options of the sweep.

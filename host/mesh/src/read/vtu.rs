@@ -74,7 +74,7 @@ pub(super) fn read_vtu(bytes: &[u8], region_array: Option<&str>) -> Result<RawMe
 
 /// Checks that no element has more attributes than [`MOST_ATTRIBUTES`].
 fn check_attributes(text: &str) -> Result<(), MeshError> {
-    // How many this tag has so far, between quotes of which kind.
+    // Attributes of the present tag so far, and the quote that is open in it.
     let mut tag = None;
     let mut quote = None;
     let mut line = 1;

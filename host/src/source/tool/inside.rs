@@ -34,7 +34,7 @@ const FALL_OF_A_FACE: (f64, f64) = (0.1, 0.1);
 const ALONE: f64 = 0.8;
 /// Cosine of the angle between a way straight in and the inward normal of the tissue, from which on it is one.
 const STRAIGHT_IN: f64 = 0.85;
-/// Way aside of a way that is still one in, as a part of the way in: 55 degrees. Beyond 45 a fall has to be as large as that of a tool with faces.
+/// Largest way aside on a way in, as a part of the depth gained: 55 degrees. Beyond 45 degrees a fall counts from [`FALL_OF_A_FACE`] on.
 const SLANT: f64 = 1.5;
 /// Ways aside of the way in that are none, in radii of the tool.
 const ASIDE: f64 = 0.02;

@@ -6,7 +6,7 @@
 use super::{Contact, TouchingTools};
 use crate::marks::Marks;
 
-/// Of no patch.
+/// Parent of a vertex outside all patches.
 const NONE: u32 = u32::MAX;
 
 /// Scratch: a forest of touched vertices and those beside them (Galler & Fischer 1964).
@@ -75,7 +75,7 @@ impl Patches {
         }
     }
 
-    /// The vertex that stands for the patch of a vertex; ways to it become shorter.
+    /// Returns the vertex that stands for the patch of a vertex. Halves the way to it.
     fn patch_of(&mut self, place: u32) -> u32 {
         let mut at = place;
         while self.parent[at as usize] != at {
