@@ -717,7 +717,7 @@ fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
         0 => note!("the tool in the hand touched nothing"),
         steps if summary.is_faint() => note!(
             "in {steps} steps something was held or touched, and the largest force was {:.4} mN",
-            1e3 * summary.force_n.solved_peak
+            1e3 * summary.force_n.peak.max(summary.force_n.solved_peak)
         ),
         _ => {}
     }
