@@ -296,6 +296,42 @@ fn surfaces_that_cannot_be_filled_are_refused_by_their_triangles() {
     );
 }
 
+/// A surface of two bodies is filled body by body, a hollow with the body that has it.
+#[test]
+fn bodies_that_lie_apart_are_filled_one_by_one() {
+    let folder = folder(STAND_IN);
+    let at = folder.path();
+    stand_ins(at);
+    let bodies = [cuboid([0.0; 3], 30.0), cuboid([50.0, 0.0, 0.0], 30.0)];
+    let hollow = cuboid([60.0, 10.0, 10.0], 5.0);
+    stl(
+        &at.join("two.stl"),
+        &[&bodies.concat()[..], &hollow].concat(),
+    );
+    let arguments = [
+        "two.stl", "--nodes", "686", "--out", "a.msh", "--scale", "0.001",
+    ];
+    let ran = fill(at, &[&arguments[..], &["--format", "json"]].concat());
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let report = ran.json();
+    assert_eq!(report["nodes"], 686, "{report}");
+    let sizes = std::fs::read_to_string(at.join("bin/sizes")).expect("it ran");
+    let runs = report["runs"].as_u64().expect("a number");
+    assert_eq!(2 * runs, sizes.lines().count() as u64);
+    // The last one that it was given.
+    let bytes = std::fs::read(at.join("bin/given.stl")).expect("kept");
+    let given = sutura_host::mesh::SurfaceFormat::Stl.read(&bytes, 1.0);
+    let volume = given.expect("an STL").volume_m3();
+    assert!((volume - (27000.0 - 125.0)).abs() < 1e-3, "{volume}");
+    let crumbs: Vec<_> = (0..21)
+        .map(|k| cuboid([10.0 * f64::from(k), 0.0, 0.0], 1.0))
+        .collect();
+    stl(&at.join("crumbs.stl"), &crumbs.concat());
+    let ran = fill(at, &["crumbs.stl", "--nodes", "100", "--out", "b.msh"]);
+    assert_eq!(ran.code, 2, "{}", ran.stderr);
+    assert!(unwrapped(&ran).contains("21 bodies"), "{}", ran.stderr);
+}
+
 #[test]
 fn failures_of_gmsh_are_told_with_its_words() {
     let failing = folder(
@@ -306,9 +342,11 @@ fn failures_of_gmsh_are_told_with_its_words() {
     assert_eq!(ran.code, 1, "{}", ran.stderr);
     let said = "it says: Warning : Facets cross; Error   : Could not recover boundary";
     assert!(ran.stderr.contains(said), "{}", ran.stderr);
-    let garbled = folder("echo nonsense > filled.msh");
+    let garbled = folder("echo nonsense > filled.msh; echo 'Warning : No tetrahedra in region 1'");
     let ran = fill(garbled.path(), &arguments);
     assert_eq!(ran.code, 1, "{}", ran.stderr);
+    let said = "it says: Warning : No tetrahedra in region 1";
+    assert!(unwrapped(&ran).contains(said), "{}", ran.stderr);
     assert!(ran.stderr.contains("$MeshFormat"), "{}", ran.stderr);
     // Nothing of that name on `PATH`.
     let none = failing.path().join("nowhere");
@@ -421,6 +459,15 @@ fn gmsh_fills_a_box_and_a_ring() {
     assert!((nodes / 1000.0 - 1.0).abs() <= 0.1, "{nodes}");
     assert_eq!(report["usable"], true, "{report}");
     assert_eq!(report["regions"][0]["name"], "tissue");
+    let apart = [cuboid([0.0; 3], 20.0), cuboid([50.0, 0.0, 0.0], 10.0)];
+    stl(&at.join("two.stl"), &apart.concat());
+    let arguments = [
+        "mesh", "fill", "two.stl", "--nodes", "300", "--out", "two.msh",
+    ];
+    let ran = sutura_in(at, &[&arguments[..], &more[..]].concat());
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let volume = ran.json()["volume_m3"].as_f64().expect("a number");
+    assert!((volume / 9e-6 - 1.0).abs() < 1e-6, "{volume}");
 }
 
 /// Whether a program can be started.

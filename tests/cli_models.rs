@@ -325,6 +325,10 @@ fn the_law_of_contact_does_not_change_with_the_tissue() {
             assert_eq!(summary["decays"], 0, "{tissue}");
             let frames = &summary["frames"];
             assert_eq!(frames["rejected"], 0, "{tissue}: {frames}");
+            // What is sent may have been tried ahead, where friction is not what the step's end has.
+            let solved = summary["force_n"]["solved_peak"].as_f64().unwrap();
+            let hardest = summary["scene"]["peak"]["force_n"].as_f64().unwrap();
+            assert!(solved >= hardest, "{tissue}: {solved} of {hardest} N");
             summary["force_n"]["peak"].as_f64().unwrap()
         });
         println!("{friction}: {peaks:?} N");

@@ -11,7 +11,7 @@ use sutura_hil::{NativeConsole, VirtualConsole};
 use sutura_host::link::{LinkError, LockstepConsole, Order};
 use sutura_host::scene::BUILT_IN_DEVICES;
 use sutura_host::session::{
-    EndingKind, Line, Plan, Progress, Solve, Solved, Steer, Steered, Summary, run_lockstep,
+    EndingKind, Line, Plan, Progress, Solve, Solved, Steer, Steered, Stop, Summary, run_lockstep,
     run_real_time, run_steered,
 };
 use sutura_host::step::{Status, ToolContact};
@@ -609,12 +609,14 @@ fn over_a_port_states_tell_of_the_largest_force_alone() {
 struct Stopper {
     stop: u64,
     arm: Option<u64>,
+    is_told: bool,
 }
 
 impl Steer for Stopper {
     fn steer(&mut self, now: &Steered<'_>, orders: &mut Vec<Order>) -> ControlFlow<()> {
         if now.ticks == self.stop {
             orders.push(Order::Command(Command::Disarm));
+            self.is_told = false;
         }
         if Some(now.ticks) == self.arm {
             orders.push(Order::Command(Command::Arm));
@@ -622,8 +624,11 @@ impl Steer for Stopper {
         ControlFlow::Continue(())
     }
 
-    fn person(&self) -> String {
-        "page 7".to_owned()
+    fn stops(&mut self) -> Vec<(Stop, String)> {
+        match std::mem::replace(&mut self.is_told, true) {
+            true => Vec::new(),
+            false => vec![(Stop::Safe, "page 7".to_owned())],
+        }
     }
 }
 
@@ -632,7 +637,11 @@ impl Steer for Stopper {
 fn a_safe_stop_is_in_the_summary_with_its_person() {
     let stopped = |arm: Option<u64>| {
         let mut console = NativeConsole::new(&device()).unwrap();
-        let mut steer = Stopper { stop: 500, arm };
+        let mut steer = Stopper {
+            stop: 500,
+            arm,
+            is_told: true,
+        };
         let go_on = |_: &Progress<'_>| ControlFlow::Continue(());
         run_steered(&mut console, &plan(1.2), &mut Plane, go_on, &mut steer).unwrap()
     };

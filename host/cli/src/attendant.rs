@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use sutura_host::link::LinkError;
-use sutura_host::session::{Arms, Attendant};
+use sutura_host::session::{Arms, Attendant, Stop};
 
 /// Tells on stderr what happens; arms again by itself if it is to, else when a line comes on standard input.
 #[derive(Debug)]
@@ -145,9 +145,16 @@ impl Attendant for Operator {
         note!("the console has let go, since no contact came in time for half a second: {next}");
     }
 
-    fn stopped(&mut self, person: &str) {
-        let next = self.by_hand().unwrap_or("it rests until somebody arms it");
-        note!("safe stop by {person}: {next}");
+    fn stopped(&mut self, stop: Stop, person: &str) {
+        match stop {
+            Stop::Safe => {
+                let next = self.by_hand().unwrap_or("it rests until somebody arms it");
+                note!("safe stop by {person}: {next}");
+            }
+            Stop::TakeOut => {
+                note!("taken out of the tissue by {person}: it is armed when it is out");
+            }
+        }
     }
 
     fn arms(&mut self) -> Arms {

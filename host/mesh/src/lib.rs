@@ -60,6 +60,23 @@ impl RawMesh {
         }
     }
 
+    /// Takes another mesh in beside what is there. The numbers that files gave are forgotten.
+    pub fn append(&mut self, other: Self) {
+        let first = self.points_m.len() as u32;
+        self.points_m.extend(other.points_m);
+        let cells = other.cells.into_iter();
+        self.cells
+            .extend(cells.map(|cell| cell.map(|node| node + first)));
+        self.regions.extend(other.regions);
+        self.region_names.extend(other.region_names);
+        for note in other.notes {
+            if !self.notes.contains(&note) {
+                self.notes.push(note);
+            }
+        }
+        self.tags = Tags::default();
+    }
+
     /// The mesh with its coordinates times `scale_to_m`.
     ///
     /// # Errors

@@ -6,7 +6,7 @@
 use super::schedule::Schedule;
 use super::setup::{Arming, ArmingWatch};
 use super::{
-    LinkSummary, Plan, Progress, SOMEBODY, SessionError, Solve, Statistics, Summary, Throughput,
+    LinkSummary, Plan, Progress, SessionError, Solve, Statistics, Stop, Summary, Throughput,
     Tuning, Underway,
 };
 use crate::core_time::core_time;
@@ -141,9 +141,9 @@ pub trait Steer {
     /// stands still meanwhile; may end the session.
     fn steer(&mut self, now: &Steered<'_>, orders: &mut Vec<Order>) -> ControlFlow<()>;
 
-    /// Name of the person who gave the newest orders, for a summary.
-    fn person(&self) -> String {
-        SOMEBODY.to_owned()
+    /// What persons have asked for since this was asked last that brings the console to rest, with their names.
+    fn stops(&mut self) -> Vec<(Stop, String)> {
+        Vec::new()
     }
 
     /// What hands do with tools before the next solve.
@@ -241,8 +241,11 @@ pub fn run_steered(
             if steer.steer(&now, &mut orders).is_break() {
                 break;
             }
+            for (stop, by) in steer.stops() {
+                tally.stop(stop, by);
+            }
             for order in orders.drain(..) {
-                tally.order(&order, &steer.person());
+                tally.order(&order);
                 line.order(&order)?;
             }
             for act in steer.acts() {

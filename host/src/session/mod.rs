@@ -63,7 +63,7 @@ pub(crate) use solver::{IN_BALANCE, MOST_PASSES, MOST_STEPS};
 pub use statistics::{Statistics, UNSENDABLE, mode_word};
 pub use summary::{
     Age, ConsoleClock, Energy, Force, Frames, Latency, LinkSummary, RoundTrip, SafeStop, StepTime,
-    Summary, Throughput, ViewSummary,
+    Stop, Summary, Throughput, ViewSummary,
 };
 pub use sutura_client::ahead::reach_m;
 pub use thread_frame::{HeldThread, thread_frame};
@@ -73,9 +73,6 @@ use crate::link::Felt;
 use crate::step::{Stages, Status, ToolContact, ToolRows};
 use sutura_shared::wire::Valid;
 use sutura_shared::wire::message::{Report, State};
-
-/// Person of an order whose giver is not known by name.
-const SOMEBODY: &str = "the user";
 
 /// What a solver step gave.
 #[derive(Clone, Copy, Debug, Default)]
@@ -88,6 +85,8 @@ pub struct Solved {
     pub lag_m: f64,
     /// The contact at the state's pose; none when the result is not good enough to be felt.
     pub contact: Option<ToolContact>,
+    /// Magnitude of the force on the driven tool where the step itself ended \[N\]: the contact may be of a step tried ahead.
+    pub step_n: f64,
     /// The contact's rows; sent with it, never without.
     pub rows: Option<ToolRows>,
     /// The needle in that tool's grip, if it holds one; sent with the contact, never without.

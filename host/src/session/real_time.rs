@@ -10,8 +10,8 @@ use super::schedule::Schedule;
 use super::setup::{Arming, ArmingWatch};
 use super::summary::{ConsoleClock, LinkSummary, RoundTrip, Throughput};
 use super::{
-    ConsoleLimits, Ending, EndingKind, LatenessProbe, LimitedTicks, Plan, Progress, SOMEBODY,
-    Scheduling, SessionError, Solve, Statistics, Summary,
+    ConsoleLimits, Ending, EndingKind, LatenessProbe, LimitedTicks, Plan, Progress, Scheduling,
+    SessionError, Solve, Statistics, Stop, Summary,
 };
 use crate::link::{
     Advance, Connector, Heard, Link, LinkCounters, LinkError, LinkOptions, Order, Port, RoundTrips,
@@ -67,12 +67,12 @@ pub trait Attendant {
     /// `wait`.
     fn let_go(&mut self, _wait: Duration) {}
 
-    /// It rests, since `person` asked for a safe stop.
-    fn stopped(&mut self, _person: &str) {}
+    /// It rests, since `person` asked for that.
+    fn stopped(&mut self, _stop: Stop, _person: &str) {}
 
-    /// Name of the person who gave the newest order, for a summary.
-    fn person(&self) -> String {
-        SOMEBODY.to_owned()
+    /// What persons have asked for since this was asked last that brings the console to rest, with their names.
+    fn stops(&mut self) -> Vec<(Stop, String)> {
+        Vec::new()
     }
 
     /// Whether to arm it now. Asked again and again while it rests.
@@ -617,8 +617,12 @@ impl Watch<'_> {
             let wait = left.clamp(TICKS_SOME, LOOK_EVERY);
             match &mut self.attendant {
                 Some(attendant) => {
-                    if let Some(order) = attendant.wait(wait) {
-                        lock(self.log).tally.order(&order, &attendant.person());
+                    let order = attendant.wait(wait);
+                    for (stop, by) in attendant.stops() {
+                        lock(self.log).tally.stop(stop, by);
+                    }
+                    if let Some(order) = order {
+                        lock(self.log).tally.order(&order);
                         self.link.order(order)?;
                     }
                     let acts = attendant.acts();
@@ -737,9 +741,12 @@ impl Watch<'_> {
             let wait = self.rearms.wait(now);
             if !self.has_let_go {
                 self.has_let_go = true;
-                let person = lock(self.log).tally.stopped_by().map(str::to_owned);
-                match person {
-                    Some(person) => attendant.stopped(&person),
+                let log = lock(self.log);
+                let stop = log.tally.stopped_by();
+                let stop = stop.map(|(stop, by)| (stop, by.to_owned()));
+                drop(log);
+                match stop {
+                    Some((stop, by)) => attendant.stopped(stop, &by),
                     None => attendant.let_go(wait),
                 }
             }
@@ -770,7 +777,7 @@ impl Watch<'_> {
         }
         if matches!(self.rest, Some(Rest::Back)) && attendant.arms() != Arms::No {
             let arm = Order::Command(Command::Arm);
-            lock(self.log).tally.order(&arm, &attendant.person());
+            lock(self.log).tally.order(&arm);
             self.link.order(arm)?;
             self.arming = Some(ArmingWatch::new(self.plan));
             self.rest = None;

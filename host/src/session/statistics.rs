@@ -13,7 +13,7 @@ use super::horizon::Horizon;
 use super::limited::{Cuts, LimitWatch, LimitedTicks};
 use super::overload::GivenUp;
 use super::summary::{
-    Age, Energy, Force, Frames, Latency, Percentiles, SafeStop, StepTime, Summary,
+    Age, Energy, Force, Frames, Latency, Percentiles, SafeStop, StepTime, Stop, Summary,
 };
 use super::{Plan, Solved};
 use crate::link::{Felt, LinkCounters, Order, SentContact};
@@ -37,13 +37,14 @@ pub struct Statistics {
     ticks_withheld: u64,
     limits: LimitWatch,
     peak_n: f64,
-    /// Largest force that steps found, of those that were sent \[N\].
+    /// Largest force that steps found \[N\].
     solved_peak_n: f64,
     /// Whether the console had something to render that no solver knows.
     had_fixture: bool,
-    /// Safe stops that a person asked for, and whether the console rests because of the newest.
+    /// Safe stops that a person asked for.
     safe_stops: Vec<SafeStop>,
-    is_stopped: bool,
+    /// Why the console rests if that is because of a person.
+    rests: Option<(Stop, SafeStop)>,
     /// Sum of squares \[N^2\].
     square_n2: f64,
     energy_j: f64,
@@ -178,7 +179,7 @@ impl Statistics {
             solved_peak_n: 0.0,
             had_fixture: false,
             safe_stops: Vec::new(),
-            is_stopped: false,
+            rests: None,
             square_n2: 0.0,
             energy_j: 0.0,
             energy_min_j: 0.0,
@@ -328,33 +329,41 @@ impl Statistics {
     /// The console was armed again after it had let go.
     pub fn rearm(&mut self) {
         self.rearmed += 1;
-        self.is_stopped = false;
+        self.rests = None;
     }
 
-    /// Takes note of an order that `person` gave while the session ran.
-    pub fn order(&mut self, order: &Order, person: &str) {
+    /// Takes note of what the person of that name asked for while the session ran.
+    pub fn stop(&mut self, stop: Stop, by: String) {
+        let at_s = self.ticks() as f64 / f64::from(TICK_HZ);
+        let asked = SafeStop { at_s, by };
+        if stop == Stop::Safe && self.safe_stops.len() < MOST_STOPS {
+            self.safe_stops.push(asked.clone());
+        }
+        // One that let go before is not at rest because of this, nor because of a second one.
+        let renders = |state: &State| matches!(state.mode, Mode::Armed | Mode::Decaying);
+        let is_cause = match &self.rests {
+            None => self.last.as_ref().is_some_and(renders),
+            Some((Stop::TakeOut, _)) => stop == Stop::Safe,
+            Some((Stop::Safe, _)) => false,
+        };
+        if is_cause {
+            self.rests = Some((stop, asked));
+        }
+    }
+
+    /// Takes note of an order that was given while the session ran.
+    pub fn order(&mut self, order: &Order) {
         match order {
-            Order::Command(Command::Disarm) => {
-                // One that let go before is not at rest because of this.
-                let renders = |state: &State| matches!(state.mode, Mode::Armed | Mode::Decaying);
-                self.is_stopped |= self.last.as_ref().is_some_and(renders);
-                if self.safe_stops.len() < MOST_STOPS {
-                    self.safe_stops.push(SafeStop {
-                        at_s: self.ticks() as f64 / f64::from(TICK_HZ),
-                        by: person.to_owned(),
-                    });
-                }
-            }
-            Order::Command(Command::Arm) => self.is_stopped = false,
+            Order::Command(Command::Arm) => self.rests = None,
             Order::Fixture(fixture) => self.had_fixture |= *fixture != Fixture::None,
             _ => {}
         }
     }
 
-    /// Whether the console rests because a person stopped it; who that was.
-    pub fn stopped_by(&self) -> Option<&str> {
-        let newest = self.safe_stops.last().filter(|_| self.is_stopped);
-        newest.map(|stop| stop.by.as_str())
+    /// Whether the console rests because of a person; who that was, and what was asked for.
+    pub fn stopped_by(&self) -> Option<(Stop, &str)> {
+        let rests = self.rests.as_ref();
+        rests.map(|(stop, asked)| (*stop, asked.by.as_str()))
     }
 
     /// Takes the console's own counts of what its limits took away in the session.
@@ -390,7 +399,7 @@ impl Statistics {
         let force_n = (x * x + y * y + z * z).sqrt();
         self.contact_steps += u64::from(solved.touched);
         self.pressing_steps += u64::from(solved.presses);
-        self.solved_peak_n = self.solved_peak_n.max(force_n);
+        self.solved_peak_n = self.solved_peak_n.max(force_n).max(solved.step_n);
         self.forceful_steps += u64::from(force_n > NOTICED_N);
         let is_spoilt = solved.contact.is_none() || solved.unfinished;
         self.spoilt_steps += u64::from(solved.touched && is_spoilt);
@@ -643,10 +652,12 @@ impl Statistics {
             let steps = self.inside_steps;
             (steps > 0).then(|| format!("a tool was inside the tissue in {steps} steps"))
         };
-        let rests = |is_so: bool, words: String| (mode == Mode::Idle && is_so).then_some(words);
-        let stop = self.safe_stops.last().filter(|_| self.is_stopped);
-        let stopped = stop.map_or(String::new(), |stop| {
-            format!("safe stop by {} at {:.2} s", stop.by, stop.at_s)
+        let stopped = self.rests.as_ref().map(|(stop, SafeStop { at_s, by })| {
+            let what = match stop {
+                Stop::Safe => "safe stop",
+                Stop::TakeOut => "taken out of the tissue",
+            };
+            format!("{what} by {by} at {at_s:.2} s")
         });
         use EndingKind::{
             Behind, Faint, Fault, Idle, Inside, Limited, NotRendered, Stopped, Untouched,
@@ -663,8 +674,8 @@ impl Statistics {
             (Untouched, self.untouched()),
             (Behind, self.outrun().or_else(|| self.never_came())),
             (Faint, self.faint()),
-            (Stopped, rests(stop.is_some(), stopped)),
-            (Idle, rests(true, idle)),
+            (Stopped, stopped.filter(|_| mode == Mode::Idle)),
+            (Idle, (mode == Mode::Idle).then_some(idle)),
             (Limited, self.cut_off()),
         ];
         let gravest = found.into_iter().find_map(|(kind, why)| Some((kind, why?)));
@@ -1216,22 +1227,25 @@ mod tests {
     /// A console that let go by itself is not excused by somebody who stops it then.
     #[test]
     fn a_stop_counts_for_a_console_that_runs() {
-        let disarm = Order::Command(Command::Disarm);
+        let asks =
+            |tally: &mut Statistics, stop, page: u8| tally.stop(stop, format!("page {page}"));
         let rests = State {
             mode: Mode::Idle,
             ..state(2, 0.0, 0.0)
         };
         let mut tally = Statistics::new(200.0);
         tally.state(&state(1, 0.0, 0.0));
-        tally.order(&disarm, "page 1");
-        assert_eq!(tally.stopped_by(), Some("page 1"));
+        asks(&mut tally, Stop::Safe, 1);
+        assert_eq!(tally.stopped_by(), Some((Stop::Safe, "page 1")));
+        asks(&mut tally, Stop::Safe, 2);
         tally.state(&rests);
+        asks(&mut tally, Stop::TakeOut, 3);
         assert!(status(&tally).starts_with("stopped: safe stop by page 1"));
-        tally.order(&Order::Command(Command::Arm), "page 1");
+        tally.order(&Order::Command(Command::Arm));
         assert_eq!(tally.stopped_by(), None);
         let mut tally = Statistics::new(200.0);
         tally.state(&rests);
-        tally.order(&disarm, "page 1");
+        asks(&mut tally, Stop::Safe, 1);
         assert!(status(&tally).starts_with("idle: "));
         assert_eq!(
             tally
@@ -1240,6 +1254,24 @@ mod tests {
                 .len(),
             1
         );
+    }
+
+    /// A tool that is taken out rests by no safe stop, until somebody asks for one.
+    #[test]
+    fn to_be_taken_out_is_no_safe_stop() {
+        let mut tally = Statistics::new(200.0);
+        tally.state(&state(1, 0.0, 0.0));
+        tally.stop(Stop::TakeOut, "page 1".to_owned());
+        tally.state(&State {
+            mode: Mode::Idle,
+            ..state(2, 0.0, 0.0)
+        });
+        assert!(status(&tally).starts_with("stopped: taken out of the tissue by page 1"));
+        let stops = |tally: &Statistics| tally.summary(&LinkCounters::default(), 1000).safe_stops;
+        assert!(stops(&tally).is_empty());
+        tally.stop(Stop::Safe, "page 2".to_owned());
+        assert!(status(&tally).starts_with("stopped: safe stop by page 2"));
+        assert_eq!(stops(&tally).len(), 1);
     }
 
     /// A wall of the console's own is felt all the time.

@@ -66,8 +66,8 @@ pub struct Frames {
 pub struct Force {
     /// Largest magnitude \[N\].
     pub peak: f64,
-    /// Largest magnitude that a solver step found for the driven tool, of those that were sent \[N\]: with a fixture, or between
-    /// steps that are far apart, another force may be felt.
+    /// Largest magnitude that a solver step found for the driven tool, where it ended or a period ahead of that \[N\]: with a
+    /// fixture, or between steps that are far apart, another force may be felt.
     pub solved_peak: f64,
     /// Root of the mean square over all ticks \[N\].
     pub rms: f64,
@@ -128,6 +128,15 @@ pub struct LinkSummary {
     pub bytes_per_s: Throughput,
     /// Sessions, the first one included: one more for every time the console was lost and came back.
     pub sessions: u32,
+}
+
+/// What a person has asked for that brings the console to rest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stop {
+    /// That it rests until somebody arms it.
+    Safe,
+    /// That its tool leaves the tissue without a force.
+    TakeOut,
 }
 
 /// A safe stop that a person asked for.

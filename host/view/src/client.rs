@@ -18,6 +18,8 @@ use tokio::time::{Instant, timeout};
 
 /// Largest message of a client \[bytes\].
 pub const MOST_BYTES: usize = 64 * 1024;
+/// Largest frame that is read to its end, to be answered if it is too large for a message.
+pub const MOST_BYTES_OF_A_FRAME: usize = 16 * MOST_BYTES;
 /// Messages of a client in a second.
 pub const MOST_A_SECOND: u32 = 200;
 /// How long the first message may take.

@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`Server::start`].
 
-use super::client::{MOST_BYTES, serve};
+use super::client::{MOST_BYTES, MOST_BYTES_OF_A_FRAME, serve};
 use super::files::find;
 use super::guard::{Guard, headers, new_key};
 use super::notes::note;
@@ -326,7 +326,8 @@ async fn socket(
     match upgrade {
         Ok(upgrade) => upgrade
             .max_message_size(MOST_BYTES)
-            .max_frame_size(MOST_BYTES)
+            // Read to its end, so that no unread rest resets the connection before the client has read why it ends.
+            .max_frame_size(MOST_BYTES_OF_A_FRAME)
             .on_upgrade(move |socket| {
                 serve(
                     socket,

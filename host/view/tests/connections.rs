@@ -126,7 +126,8 @@ fn bad_frames_are_told_by_their_codes() {
         "{{\"key\":\"{}\",\"control\":false,\"format\":1}}",
         server.key()
     );
-    let long = [&[0x81, 0xff][..], &1_000_000_u64.to_be_bytes(), &[0; 4]].concat();
+    let announced = |bytes: u64| [&[0x81, 0xff][..], &bytes.to_be_bytes(), &[0; 4]].concat();
+    let whole = |bytes: usize| [announced(bytes as u64), vec![b' '; bytes]].concat();
     let table = [
         // Not masked; reserved bits; an opcode that does not exist; a ping that is too long.
         (vec![0x81, 1, b'x'], 1002),
@@ -134,7 +135,9 @@ fn bad_frames_are_told_by_their_codes() {
         (vec![0x83, 0x80, 0, 0, 0, 0], 1002),
         ([&[0x89, 0xfe, 1, 0][..], &[0; 260]].concat(), 1002),
         (text(&[0xff, 0xfe]), 1007),
-        (long, 1009),
+        (announced(10_000_000), 1009),
+        (whole(65_537), 1009),
+        (whole(1_000_000), 1009),
     ];
     std::thread::scope(|scope| {
         for (bytes, expected) in &table {

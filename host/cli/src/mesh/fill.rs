@@ -28,6 +28,8 @@ use sutura_host::work::begin;
 const CLOSE: f64 = 0.1;
 /// Runs of gmsh at most: the number of nodes goes with the size of cells almost as the cube, three are mostly enough.
 const MOST_RUNS: u32 = 8;
+/// Bodies of a surface at most: gmsh runs for each.
+const MOST_BODIES: usize = 20;
 /// Between two looks whether gmsh has ended.
 const LOOKS_EVERY: Duration = Duration::from_millis(20);
 /// Lines of gmsh that a message has at most.
@@ -94,7 +96,7 @@ pub fn fill(args: &FillArgs, global: &Global) -> Result<(), Failure> {
     let (surface, repaired) = read_surface(&args.surface, args.scale)?;
     // From here on Ctrl-C ends gmsh, too.
     stop_on_signals()?;
-    let found = search(&surface, args)?;
+    let found = search(&bodies(&surface, &args.surface)?, args)?;
     drop(shown);
     let mut report = MeshReport::of(&found.mesh).map_err(|error| bad(&args.surface, &error))?;
     report.notes.splice(0..0, notes(&repaired));
@@ -187,6 +189,26 @@ fn read_surface(path: &Path, scale: f64) -> Result<(TriangleMesh, Repaired), Fai
     Ok((surface, repaired))
 }
 
+/// The bodies of a repaired surface.
+fn bodies(surface: &TriangleMesh, path: &Path) -> Result<Vec<TriangleMesh>, Failure> {
+    let bad = |message: String, help: &str| Failure::say(Cause::BadInput, message, help);
+    let bodies = surface.bodies().map_err(|flaw| {
+        let help = next_step(&flaw);
+        bad(format!("{}: {flaw}", path.display()), help)
+    })?;
+    if bodies.len() > MOST_BODIES {
+        let count = bodies.len();
+        return Err(bad(
+            format!(
+                "{}: {count} bodies that hang together with nothing, {MOST_BODIES} can be filled",
+                path.display()
+            ),
+            "keep those that are meant: skimage.measure.label for a mask, MeshLab's \"Remove Isolated Pieces\" for a surface",
+        ));
+    }
+    Ok(bodies)
+}
+
 /// What to do about a surface that is not repaired here.
 fn next_step(flaw: &SurfaceFlaw) -> &'static str {
     match flaw {
@@ -263,16 +285,17 @@ struct Found {
 }
 
 /// Runs gmsh with one size of cells after the other until the number of nodes is near; the nearest of them.
-fn search(surface: &TriangleMesh, args: &FillArgs) -> Result<Found, Failure> {
+fn search(bodies: &[TriangleMesh], args: &FillArgs) -> Result<Found, Failure> {
     let failed = |error: io::Error| {
         let help = "the folder for temporary files has to be there, and yours";
         Failure::say(Cause::Failed, format!("no place to work in: {error}"), help)
     };
     let folder = tempfile::tempdir().map_err(failed)?;
-    std::fs::write(folder.path().join("surface.stl"), stl(surface)).map_err(failed)?;
+    let surfaces: Vec<_> = bodies.iter().map(stl).collect();
+    let volume_m3: f64 = bodies.iter().map(TriangleMesh::volume_m3).sum();
     let wanted = f64::from(args.nodes);
     // A regular tetrahedron has the volume of its edge cubed over the root of 72; a mesh has some five cells a node.
-    let mut edge_m = (surface.volume_m3() * 72f64.sqrt() / (5.0 * wanted)).cbrt();
+    let mut edge_m = (volume_m3 * 72f64.sqrt() / (5.0 * wanted)).cbrt();
     // Sizes known to give too many nodes, and too few.
     let (mut fine, mut coarse) = (0.0f64, f64::INFINITY);
     let mut nearest: Option<(f64, Found)> = None;
@@ -281,7 +304,11 @@ fn search(surface: &TriangleMesh, args: &FillArgs) -> Result<Found, Failure> {
             let edge_mm = 1e3 * edge_m;
             format!("run {runs} of at most {MOST_RUNS}, edges of {edge_mm:.3} mm")
         });
-        let mesh = run_gmsh(folder.path(), edge_m)?;
+        let mut mesh = RawMesh::default();
+        for surface in &surfaces {
+            std::fs::write(folder.path().join("surface.stl"), surface).map_err(failed)?;
+            mesh.append(run_gmsh(folder.path(), edge_m)?);
+        }
         let ratio = mesh.points_m.len() as f64 / wanted;
         tracing::info!(
             "edges of {:.3} mm: {} nodes",
@@ -393,8 +420,12 @@ fn run_gmsh(folder: &Path, edge_m: f64) -> Result<RawMesh, Failure> {
         ));
     }
     let mesh = read_raw_mesh(&filled, MM).map_err(|error| {
-        let help = "gmsh 4.8 or later is needed; gmsh --version says which there is";
-        said(format!("what gmsh wrote cannot be read: {error}"), help)
+        let help = "if that names no cause: gmsh 4.8 or later is needed; gmsh --version says which there is";
+        let words = told(&words);
+        said(
+            format!("what gmsh wrote cannot be read: {error}; it says: {words}"),
+            help,
+        )
     })?;
     std::fs::remove_file(&filled).ok();
     Ok(mesh)

@@ -13,7 +13,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 use sutura_host::link::{LinkError, Order};
-use sutura_host::session::{Arms, Attendant};
+use sutura_host::session::{Arms, Attendant, Stop};
 use sutura_host::tool::Act;
 use sutura_shared::wire::message::{Command as ToConsole, HandScript, Simulate};
 use sutura_view::{Command, Hand, Request};
@@ -35,8 +35,8 @@ pub struct PageAttendant {
     arms: bool,
     /// Whether a page has stopped it, and none has armed it since: then it is not armed by itself.
     is_stopped: bool,
-    /// Name of the last person to ask for something.
-    person: String,
+    /// Who has asked for it to rest, and is not told of yet.
+    stops: Vec<(Stop, String)>,
     /// Of a simulated console: its hand, and since when.
     hand: Option<(Guide, Instant)>,
     saves: Saves,
@@ -68,7 +68,7 @@ impl PageAttendant {
             asked,
             arms: false,
             is_stopped: false,
-            person: String::new(),
+            stops: Vec::new(),
             hand: hand.map(|hand| (Guide::new(hand), Instant::now())),
             saves,
             jaws,
@@ -101,9 +101,9 @@ impl PageAttendant {
     }
 
     fn obey(&mut self, Request { command, reply }: Request) -> Option<Order> {
-        self.person = reply.person();
         let order = match command {
             Command::SafeStop => {
+                self.stops.push((Stop::Safe, reply.person()));
                 (self.arms, self.is_stopped, self.leaving) = (false, true, None);
                 self.telemetry.safe_stop(reply.asker());
                 Some(Order::Command(ToConsole::Disarm))
@@ -115,6 +115,7 @@ impl PageAttendant {
             }
             Command::TakeOut => match self.leave(MORE_WAYS) {
                 Ok(true) => {
+                    self.stops.push((Stop::TakeOut, reply.person()));
                     self.is_stopped = true;
                     Some(Order::Command(ToConsole::Disarm))
                 }
@@ -177,12 +178,12 @@ impl Attendant for PageAttendant {
         self.operator.let_go(wait);
     }
 
-    fn stopped(&mut self, person: &str) {
-        self.operator.stopped(person);
+    fn stopped(&mut self, stop: Stop, person: &str) {
+        self.operator.stopped(stop, person);
     }
 
-    fn person(&self) -> String {
-        self.person.clone()
+    fn stops(&mut self) -> Vec<(Stop, String)> {
+        std::mem::take(&mut self.stops)
     }
 
     fn arms(&mut self) -> Arms {

@@ -19,7 +19,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use sutura_host::link::Order;
 use sutura_host::scene::Tissue;
-use sutura_host::session::{Plan, Steer, Steered, Tuning};
+use sutura_host::session::{Plan, Steer, Steered, Stop, Tuning};
 use sutura_host::tool::Act;
 use sutura_shared::wire::message::{Command as ToConsole, Mode, Simulate};
 use sutura_view::{Command, Hand, Reply, Request, SetTo};
@@ -112,8 +112,8 @@ pub struct Helm<'a> {
     out: Option<TakeOut>,
     /// Tick at which the way out that it is on ends, and the number of further ones; then the console is armed.
     leaving: Option<(u64, u8)>,
-    /// Name of the last person to ask for something.
-    person: String,
+    /// Who has asked for it to rest, and is not told of yet.
+    stops: Vec<(Stop, String)>,
     making: Option<Making>,
     /// Sessions in the making in whose place another one was asked for.
     left: Vec<JoinHandle<Result<Prepared, Failure>>>,
@@ -149,7 +149,7 @@ impl<'a> Helm<'a> {
             acts: Vec::new(),
             out: None,
             leaving: None,
-            person: String::new(),
+            stops: Vec::new(),
             making: None,
             left: Vec::new(),
             ended: None,
@@ -198,12 +198,12 @@ impl<'a> Helm<'a> {
 
     fn obey(&mut self, request: Request, now: &Steered<'_>, orders: &mut Vec<Order>) {
         let Request { command, reply } = request;
-        self.person = reply.person();
         let renders = matches!(now.state.mode, Mode::Armed | Mode::Decaying);
         let now_s = self.time_s(now);
         match command {
             Command::SafeStop => {
                 self.leaving = None;
+                self.stops.push((Stop::Safe, reply.person()));
                 self.show.telemetry().safe_stop(reply.asker());
                 self.order(ToConsole::Disarm, now, orders);
             }
@@ -218,6 +218,7 @@ impl<'a> Helm<'a> {
                 let mut way = Vec::new();
                 match self.leave(MORE_WAYS, now, &mut way) {
                     Ok(true) => {
+                        self.stops.push((Stop::TakeOut, reply.person()));
                         self.order(ToConsole::Disarm, now, orders);
                         orders.append(&mut way);
                     }
@@ -511,8 +512,8 @@ impl<'a> Helm<'a> {
 }
 
 impl Steer for Helm<'_> {
-    fn person(&self) -> String {
-        self.person.clone()
+    fn stops(&mut self) -> Vec<(Stop, String)> {
+        std::mem::take(&mut self.stops)
     }
 
     fn acts(&mut self) -> Vec<Act> {

@@ -148,7 +148,7 @@ impl Telemetry {
 
     /// Somebody has asked for a safe stop.
     pub fn safe_stop(&self, by: &'static str) {
-        self.lock().stopped_by = Some(by);
+        self.lock().stopped_by.get_or_insert(by);
     }
 
     /// Tells of something that is known elsewhere.

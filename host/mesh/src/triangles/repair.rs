@@ -253,21 +253,8 @@ impl TriangleMesh {
 
     /// Turns parts over whose normals look into the solid; how many of them lie in an odd number of others.
     fn turn_parts(&mut self, parts: &[Vec<usize>], turned: &mut [bool]) -> usize {
-        let bounds: Vec<_> = parts
-            .iter()
-            .map(|part| self.bounds(part.iter().copied()))
-            .collect();
-        let mut hollows = Vec::with_capacity(parts.len());
-        for (own, part) in parts.iter().enumerate() {
-            let at = self.corners(part[0])[0];
-            let holds = |other: &usize| {
-                let (low, high) = bounds[*other];
-                *other != own
-                    && (0..3).all(|k| low[k] <= at[k] && at[k] <= high[k])
-                    && self.winds_around(&parts[*other], &at)
-            };
-            hollows.push((0..parts.len()).filter(holds).count() % 2 == 1);
-        }
+        let around = self.parts_around(parts);
+        let hollows: Vec<bool> = around.iter().map(|others| others.len() % 2 == 1).collect();
         for (part, is_hollow) in parts.iter().zip(&hollows) {
             if (self.part_volume_m3(part) < 0.0) != *is_hollow {
                 for &triangle in part {
@@ -277,6 +264,56 @@ impl TriangleMesh {
             }
         }
         hollows.into_iter().filter(|is_hollow| *is_hollow).count()
+    }
+
+    /// The other parts that each part lies in.
+    fn parts_around(&self, parts: &[Vec<usize>]) -> Vec<Vec<usize>> {
+        let bounds: Vec<_> = parts
+            .iter()
+            .map(|part| self.bounds(part.iter().copied()))
+            .collect();
+        let around = parts.iter().enumerate().map(|(own, part)| {
+            let at = self.corners(part[0])[0];
+            let holds = |other: &usize| {
+                let (low, high) = bounds[*other];
+                *other != own
+                    && (0..3).all(|k| low[k] <= at[k] && at[k] <= high[k])
+                    && self.winds_around(&parts[*other], &at)
+            };
+            (0..parts.len()).filter(holds).collect()
+        });
+        around.collect()
+    }
+
+    /// The bodies that a repaired surface is of, each with its hollows, in the order of their first triangles: a body in a hollow of
+    /// another is one of its own.
+    ///
+    /// # Errors
+    /// What keeps the surface from being closed.
+    pub fn bodies(&self) -> Result<Vec<TriangleMesh>, SurfaceFlaw> {
+        let parts = self.parts(&mut vec![false; self.triangles.len()])?;
+        let around = self.parts_around(&parts);
+        let outer = (0..parts.len()).filter(|part| around[*part].len() % 2 == 0);
+        let bodies = outer.map(|outer| {
+            let depth = around[outer].len() + 1;
+            let is_hollow =
+                |part: &usize| around[*part].len() == depth && around[*part].contains(&outer);
+            let hollows = (0..parts.len()).filter(is_hollow);
+            let mut body = TriangleMesh {
+                points_m: self.points_m.clone(),
+                triangles: Vec::new(),
+                faces: Vec::new(),
+            };
+            for &triangle in std::iter::once(outer)
+                .chain(hollows)
+                .flat_map(|part| &parts[part])
+            {
+                body.triangles.push(self.triangles[triangle]);
+                body.faces.push(self.face(triangle) as u32);
+            }
+            body
+        });
+        Ok(bodies.collect())
     }
 
     /// Whether a part, whichever way its normals look, has a place inside.

@@ -458,6 +458,12 @@ fn parts_inside_others_are_hollows() {
         assert_eq!((repaired.parts, repaired.hollows), (4, 1), "{turned}");
         let expected = 1000.0 - 512.0 + 216.0 + 1.0;
         assert!((volume(&surface) - expected).abs() < 1e-9, "{turned}");
+        let bodies = surface.bodies().expect("boxes");
+        let volumes: Vec<_> = bodies.iter().map(volume).collect();
+        let expected = [1000.0 - 512.0, 216.0, 1.0];
+        let is_near = |(own, expected): (&f64, f64)| (own - expected).abs() < 1e-9;
+        assert_eq!(volumes.len(), expected.len(), "{turned}");
+        assert!(volumes.iter().zip(expected).all(is_near), "{volumes:?}");
     }
 }
 

@@ -698,7 +698,7 @@ impl Solve for SceneSolver {
         let armed_anew = before_us.is_some_and(|before| is_armed_anew(before, &sample));
         let report = self.step_with(sample, armed_anew);
         let reached = self.reached(&report, &sample);
-        self.past.peaks.press(&report, reached.position_m);
+        let step_n = self.past.peaks.press(&report, reached.position_m);
         let (mut felt, mut rows) = (report.contacts().first().copied(), self.rows());
         clock.lap(&mut 0);
         self.past.budget.stepped(&report);
@@ -735,6 +735,7 @@ impl Solve for SceneSolver {
             orientation: is_behind.then(|| reached.orientation.map(|x| x as f32)),
             lag_m: if is_behind { self.lag_m() } else { 0.0 },
             contact: felt,
+            step_n,
             rows,
             touched,
             presses,

@@ -76,10 +76,10 @@ impl Peaks {
         }
     }
 
-    /// Takes note of what the driven tool felt in a step that had its grip there \[m\], (3).
-    pub fn press(&mut self, report: &StepReport, position_m: [f64; 3]) {
+    /// Takes note of what the driven tool felt in a step that had its grip there \[m\], (3). Returns the force's magnitude \[N\].
+    pub fn press(&mut self, report: &StepReport, position_m: [f64; 3]) -> f64 {
         let Some(contact) = report.contacts().first() else {
-            return;
+            return 0.0;
         };
         let [x, y, z, ..] = contact.wrench;
         let force_n = (x * x + y * y + z * z).sqrt();
@@ -91,6 +91,7 @@ impl Peaks {
                 stored_energy_j: report.stored_energy_j,
             };
         }
+        force_n
     }
 
     /// Boundaries that needles have broken through.
