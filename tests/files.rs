@@ -10,11 +10,12 @@ const SESSION: [&str; 6] = ["run", "--lockstep", "--seconds", "0.1", "--format",
 /// A link of the user's is kept by a console that would put its own in that place, wherever it leads.
 #[cfg(unix)]
 #[test]
-fn a_console_replaces_no_link_but_to_a_terminal() {
+fn a_console_replaces_no_link_but_to_a_terminal_that_is_gone() {
     let folder = tempfile::tempdir().expect("a folder");
     let at = folder.path();
     std::fs::write(at.join("mine.txt"), "mine").expect("writable");
-    for target in ["mine.txt", ".", "/dev/null"] {
+    let running = sutura_hil::Pty::open().expect("a pseudo-terminal");
+    for target in ["mine.txt", ".", "/dev/null", "nowhere", running.path()] {
         let link = at.join("port");
         std::os::unix::fs::symlink(target, &link).expect("a link");
         let ran = sutura_in(at, &["console", "--link", "port"]);
@@ -27,6 +28,29 @@ fn a_console_replaces_no_link_but_to_a_terminal() {
         assert_eq!(std::fs::read_link(&link).expect("there"), Path::new(target));
         std::fs::remove_file(&link).expect("there");
     }
+}
+
+/// A link of a console that was killed is replaced, whichever terminal that had, and what has come in the link's place is kept.
+#[cfg(unix)]
+#[test]
+fn a_console_removes_nothing_but_its_own_link() {
+    use sutura_hil::{Pty, PtyLink};
+    let folder = tempfile::tempdir().expect("a folder");
+    let link = folder.path().join("port");
+    let pty = Pty::open().expect("a pseudo-terminal");
+    for left in ["/dev/pts/1048575", pty.path()] {
+        std::os::unix::fs::symlink(left, &link).expect("a link");
+        let made = PtyLink::make(&link, pty.path()).expect("a link");
+        let target = std::fs::read_link(&link).expect("there");
+        assert_eq!(target, Path::new(pty.path()));
+        drop(made);
+        assert!(std::fs::symlink_metadata(&link).is_err());
+    }
+    let made = PtyLink::make(&link, pty.path()).expect("a link");
+    std::fs::remove_file(&link).expect("there");
+    std::fs::write(&link, "mine").expect("writable");
+    drop(made);
+    assert_eq!(std::fs::read_to_string(&link).expect("kept"), "mine");
 }
 
 #[test]

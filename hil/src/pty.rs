@@ -6,7 +6,7 @@
 use rustix::fs::{Mode, OFlags};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
-use std::io;
+use std::io::{self, ErrorKind};
 use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -14,31 +14,48 @@ use sutura_host::link::Port;
 
 /// A symbolic link to a pseudo-terminal, which goes with this.
 #[derive(Debug)]
-pub struct PtyLink(PathBuf);
+pub struct PtyLink {
+    link: PathBuf,
+    path: PathBuf,
+}
 
 impl PtyLink {
     /// Makes a link to the terminal at `path`. One that a killed console has left behind is replaced: it leads to a
-    /// pseudo-terminal, or nowhere.
+    /// pseudo-terminal that is gone, or that has come back as this one.
     ///
     /// # Errors
-    /// The system's, if it cannot be made, or something else is there.
+    /// The system's, if it cannot be made, or something else is there; [`ErrorKind::ResourceBusy`] for a link to another
+    /// terminal.
     pub fn make(link: &Path, path: &str) -> io::Result<PtyLink> {
+        let path = PathBuf::from(path);
         if let Ok(target) = std::fs::read_link(link) {
             let is_terminal = ["/dev/pts", "/dev/ttys"]
                 .iter()
                 .any(|of| target.starts_with(of));
-            if is_terminal || !link.exists() {
+            if target == path || (is_terminal && !link.exists()) {
                 std::fs::remove_file(link)?;
+            } else if is_terminal {
+                let what = format!(
+                    "it leads to {}, which another console or terminal uses",
+                    target.display()
+                );
+                return Err(io::Error::new(ErrorKind::ResourceBusy, what));
             }
         }
-        std::os::unix::fs::symlink(path, link)?;
-        Ok(PtyLink(link.to_owned()))
+        std::os::unix::fs::symlink(&path, link)?;
+        Ok(PtyLink {
+            link: link.to_owned(),
+            path,
+        })
     }
 }
 
 impl Drop for PtyLink {
     fn drop(&mut self) {
-        drop(std::fs::remove_file(&self.0));
+        // What somebody has put in its place stays.
+        if std::fs::read_link(&self.link).is_ok_and(|target| target == self.path) {
+            drop(std::fs::remove_file(&self.link));
+        }
     }
 }
 

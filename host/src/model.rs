@@ -4,6 +4,7 @@
 
 use crate::body::{Body, Motion};
 use crate::collide::{TouchError, TouchPart, TouchSettings, Touching};
+use crate::contact::shape::Solid;
 use crate::fem::{
     CorotationalTissue, Equilibrium, Factored, HeldPoints, HyperelasticState, HyperelasticTissue,
     Hyperelasticity, LinearTissue, Loads, Materials, NodeLoad, Policy, TissueError,
@@ -16,7 +17,7 @@ use crate::rod::{BarPart, BodyContact, PairPart};
 use crate::source::{Added, Handles, MOST_NODES};
 use crate::step::{self, DEFAULT_CACHE_BYTES, NoRest, Sources, State, Status};
 use crate::thread::{Contact, ThreadContact, ThreadError, ThreadPart, Threads};
-use crate::tool::{MAX_TOOLS, Shape, Tool};
+use crate::tool::{MAX_TOOLS, Shape, Tool, ToolSample};
 use nalgebra::Vector3;
 use std::fmt;
 use std::sync::Arc;
@@ -831,6 +832,20 @@ impl Model {
     /// Whether a point lies inside the tissue as it rests under its loads.
     pub(crate) fn contains(&self, point: &Vector3<f64>) -> bool {
         self.surface.contains(&self.resting_m, (*point).into())
+    }
+
+    /// Whether the middle or an end of a tool that touches, or of its body, would be inside the tissue at rest there.
+    pub(crate) fn has_in_it(&self, sample: &ToolSample) -> bool {
+        let own = self.tool(sample.id).map(|(_, tool)| tool.clone());
+        let shapes = own.into_iter().chain(self.body_of(sample.id));
+        let mut shapes = shapes.filter(|tool| tool.shape != Shape::Grip);
+        shapes.any(|tool| {
+            let placement = tool.place(sample);
+            placement.is_some_and(|placement| {
+                let cores = Solid::new(&tool, 0.0, &placement).cores();
+                cores.iter().any(|core| self.contains(core))
+            })
+        })
     }
 
     /// Whether a place outside of the tissue at rest is behind what is held, which is a wall. A held face is between it and the `last`

@@ -76,7 +76,7 @@ pub fn run(args: &ConsoleArgs, global: &Global) -> Result<(), Failure> {
     let make = |link: &PathBuf| {
         PtyLink::make(link, &path).map_err(|error| {
             let message = format!("cannot make the link {}: {error}", link.display());
-            let help = "name a place that is yours and where no file is";
+            let help = "name a place that is yours and where no file is; a link that no console uses any more may be removed";
             Failure::say(Cause::BadInput, message, help)
         })
     };

@@ -449,10 +449,11 @@ pub fn table(summary: &Summary) -> String {
         row(
             "behind",
             format!(
-                "in {} steps the hands were faster than a step follows, and the tissue lagged by {:.1} mm at most; in {} by more than it touched",
+                "in {} steps the hands were faster than a step follows, and the tissue lagged by {:.1} mm at most; in {} by more than it touched, in {} in the air with the hand in the tissue",
                 s.steps_behind,
                 1e3 * s.most_lag_m,
-                s.steps_outrun
+                s.steps_outrun,
+                s.steps_missed
             ),
         );
     }

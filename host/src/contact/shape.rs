@@ -48,6 +48,20 @@ impl Solid {
         }
     }
 
+    /// How far its surface has turned from where `before` is the same shape, beside the way of its centre \[m\]: nothing where it is round
+    /// about its axis and turned about that.
+    pub fn turned_m(&self, before: &Self) -> f64 {
+        let tilt = (self.axis - before.axis).norm();
+        let roll = match self.shape {
+            Shape::RoundedBox { .. } | Shape::Mesh { .. } => (self.side - before.side).norm(),
+            Shape::Sphere { .. }
+            | Shape::Capsule { .. }
+            | Shape::FlatPunch { .. }
+            | Shape::Grip => 0.0,
+        };
+        self.reach() * (tilt + roll)
+    }
+
     /// The same, somewhere else.
     pub fn moved(&self, by: &Vector3<f64>) -> Self {
         Self {
@@ -165,6 +179,22 @@ impl Solid {
             }
             Shape::Capsule { length_m, .. } => [self.middle(), self.centre, behind(length_m)],
             Shape::Sphere { .. } | Shape::Mesh { .. } | Shape::Grip => [self.middle(); 3],
+        }
+    }
+
+    /// The point of the middle, or of the segment about which the shape is thick, that is next to a place.
+    pub fn core_next_to(&self, place: &Vector3<f64>) -> Vector3<f64> {
+        match self.shape {
+            Shape::FlatPunch { length_m, .. }
+            | Shape::Capsule { length_m, .. }
+            | Shape::RoundedBox {
+                size_m: [_, _, length_m],
+                ..
+            } => {
+                let behind_m = (self.centre - place).dot(&self.axis).clamp(0.0, length_m);
+                self.centre - self.axis * behind_m
+            }
+            Shape::Sphere { .. } | Shape::Mesh { .. } | Shape::Grip => self.middle(),
         }
     }
 

@@ -109,8 +109,8 @@ fn pressed(
         centre: rod.curve.at(0.5 * rod.front_m),
         rotation: *rotation,
     };
-    let (Some(now), Some(mut hardest)) = (Hardest::new(&at, force), before) else {
-        return (Hardest::new(&at, force), false);
+    let (Some(now), Some(mut hardest)) = (Hardest::new(&at, &at.centre, force), before) else {
+        return (Hardest::new(&at, &at.centre, force), false);
     };
     let turn_m = 0.5 * rod.front_m * hardest.angle_to(&at);
     hardest.go_on(&now);
@@ -118,7 +118,7 @@ fn pressed(
     let next = if pushed_on {
         hardest
     } else {
-        hardest.or(now, turn_m, rod.radius_m)
+        hardest.or(now, rod.radius_m)
     };
     (Some(next), pushed_on)
 }

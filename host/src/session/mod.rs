@@ -101,6 +101,8 @@ pub struct Solved {
     pub presses: bool,
     /// Whether the tool lagged behind its hand by more than it touched: contact, without tangent and gap, is of where it is.
     pub outrun: bool,
+    /// Whether the tool lagged behind its hand and touched nothing, where the hand would have it in the tissue.
+    pub missed: bool,
     /// Withheld because the model did not come near enough to balance for its force to mean anything.
     pub unfinished: bool,
     /// Time per stage.

@@ -81,6 +81,9 @@ pub struct Statistics {
     steps_behind: u64,
     most_lag_m: f64,
     steps_outrun: u64,
+    steps_missed: u64,
+    /// Tick of the first state of those in which the console decays.
+    decaying_since: Option<u32>,
     /// Steps of a tool on tissue, and of one inside it.
     pressing_steps: u64,
     inside_steps: u64,
@@ -112,6 +115,8 @@ const UNDERWAY: u64 = 4;
 pub(super) const MOST_SPOILT: f64 = 0.2;
 /// Steps in contact of which that part says something \[s of planned steps\].
 const LEAST_CONTACT_S: f64 = 0.25;
+/// Tools may be late in the tissue for so long \[s\].
+const MOST_MISSED_S: f64 = 0.1;
 /// Part of an end's frames that a good line has it refuse, and how many in any case.
 const MOST_REFUSED: f64 = 0.01;
 const FEW_REFUSED: u64 = 10;
@@ -203,6 +208,8 @@ impl Statistics {
             steps_behind: 0,
             most_lag_m: 0.0,
             steps_outrun: 0,
+            steps_missed: 0,
+            decaying_since: None,
             pressing_steps: 0,
             inside_steps: 0,
             rearmed: 0,
@@ -265,6 +272,8 @@ impl Statistics {
                 self.decays += 1;
             }
         }
+        let decays = state.mode == Mode::Decaying;
+        self.decaying_since = decays.then_some(self.decaying_since.unwrap_or(state.tick));
         self.gap = false;
         self.first.get_or_insert(*state);
         self.last = Some(*state);
@@ -408,6 +417,7 @@ impl Statistics {
         self.steps_behind += u64::from(solved.status == Status::Behind);
         self.most_lag_m = self.most_lag_m.max(solved.lag_m);
         self.steps_outrun += u64::from(solved.outrun);
+        self.steps_missed += u64::from(solved.missed);
         self.inside_steps += u64::from(solved.status == Status::Inside);
         self.withheld_before = self.withheld_last.take();
         if solved.contact.is_none() {
@@ -571,15 +581,13 @@ impl Statistics {
         })
     }
 
-    /// Why nobody knows what would have been touched, if nothing was and tools were behind the hand for much of the session.
+    /// Why the tissue was not felt where the hand was in it, if tools came too late for that.
     fn never_came(&self) -> Option<String> {
-        let (behind, steps) = (self.steps_behind as f64, self.steps_ns.count() as f64);
-        let is_so = self.contact_steps == 0
-            && behind > MOST_SPOILT * steps
-            && behind >= self.enough_steps();
+        let (missed, steps) = (self.steps_missed, self.steps_ns.count());
+        let is_so = missed > UNDERWAY && missed as f64 > MOST_MISSED_S * self.host_hz;
         is_so.then(|| {
             format!(
-                "in {behind} of {steps} steps tools lagged behind the hand, by {:.3} mm at most, and they touched nothing",
+                "in {missed} of {steps} steps tools lagged behind the hand, by {:.3} mm at most, and touched nothing where it was in the tissue",
                 1e3 * self.most_lag_m
             )
         })
@@ -646,6 +654,13 @@ impl Statistics {
         })
     }
 
+    /// Ticks since the console began to decay, if it does; 0 otherwise.
+    fn decayed_for(&self) -> u32 {
+        let (last, since) = (self.last.as_ref(), self.decaying_since);
+        let passed = last.zip(since);
+        passed.map_or(0, |(last, since)| last.tick.wrapping_sub(since))
+    }
+
     /// The session's ending, by the console's mode and faults at its end.
     fn ending(&self, mode: Mode, faults: &[String]) -> Ending {
         let inside = || {
@@ -662,7 +677,15 @@ impl Statistics {
         use EndingKind::{
             Behind, Faint, Fault, Idle, Inside, Limited, NotRendered, Stopped, Untouched,
         };
-        let idle = "no usable contact for too long".to_owned();
+        let idle = match mode {
+            Mode::Idle => Some("no usable contact for too long"),
+            Mode::Boot => Some("the console was reset"),
+            Mode::Decaying if self.decayed_for() > u32::from(TICK_HZ) => {
+                Some("the console has rendered nothing for longer than it decays")
+            }
+            _ => None,
+        };
+        let idle = idle.map(str::to_owned);
         let found = [
             // Faults stay latched until the console is at rest: one that names some is in fault whatever its mode.
             (
@@ -675,7 +698,7 @@ impl Statistics {
             (Behind, self.outrun().or_else(|| self.never_came())),
             (Faint, self.faint()),
             (Stopped, stopped.filter(|_| mode == Mode::Idle)),
-            (Idle, (mode == Mode::Idle).then_some(idle)),
+            (Idle, idle),
             (Limited, self.cut_off()),
         ];
         let gravest = found.into_iter().find_map(|(kind, why)| Some((kind, why?)));
@@ -760,6 +783,7 @@ impl Statistics {
             steps_behind: self.steps_behind,
             most_lag_m: self.most_lag_m,
             steps_outrun: self.steps_outrun,
+            steps_missed: self.steps_missed,
             frames,
             latency_us: Latency {
                 p50: us(delays, 0.5, 1.0),
@@ -1057,35 +1081,38 @@ mod tests {
         tally.summary(&LinkCounters::default(), 1000).status
     }
 
-    /// A tool that is behind its hand for much of a session in which it touches nothing may have missed the tissue; a fast way in
-    /// the air beside others says nothing.
+    /// A tool that lags in the air while its hand is in the tissue has missed it, whatever it touches before or after; a fast way in the
+    /// air says nothing.
     #[test]
-    fn a_tool_that_never_comes_is_not_ok() {
+    fn a_tool_that_comes_too_late_is_not_ok() {
         let air = Solved {
+            status: Status::Behind,
+            lag_m: 3e-3,
             touched: false,
             presses: false,
             ..in_contact(0.0)
         };
-        let lag = Solved {
-            status: Status::Behind,
-            lag_m: 3e-3,
+        let missed = Solved {
+            missed: true,
             ..air
         };
-        let ended = |lags: u32, others: u32, other: &Solved| {
+        let ended = |lags: u32, lag: &Solved, others: u32| {
             let mut tally = Statistics::new(200.0);
             tally.state(&state(0, 0.0, 0.0));
-            (0..lags).for_each(|_| tally.step(&lag, Duration::ZERO));
-            (0..others).for_each(|_| tally.step(other, Duration::ZERO));
+            (0..lags).for_each(|_| tally.step(lag, Duration::ZERO));
+            (0..others).for_each(|_| tally.step(&in_contact(1.0), Duration::ZERO));
             status(&tally)
         };
-        let said = ended(60, 60, &air);
-        assert!(
-            said.starts_with("behind: in 60 of 120 steps") && said.contains("3.000 mm"),
-            "{said}"
-        );
-        assert_eq!(ended(10, 10, &air), "ok");
-        assert_eq!(ended(60, 400, &air), "ok");
-        assert!(!ended(60, 60, &in_contact(1.0)).starts_with("behind"));
+        for others in [0, 2] {
+            let said = ended(30, &missed, others);
+            let words = format!("behind: in 30 of {} steps", 30 + others);
+            assert!(
+                said.starts_with(&words) && said.contains("3.000 mm"),
+                "{said}"
+            );
+        }
+        assert_eq!(ended(15, &missed, 2), "ok");
+        assert_eq!(ended(100, &air, 2), "ok");
     }
 
     /// Each way not to be `ok` has its status word, and a little of each passes.
@@ -1254,6 +1281,24 @@ mod tests {
                 .len(),
             1
         );
+    }
+
+    /// A console that is reset, or that never ends to let go, renders nothing any more.
+    #[test]
+    fn a_console_that_renders_no_more_is_not_ok() {
+        let ended = |mode: Mode, ticks: u32| {
+            let mut tally = Statistics::new(200.0);
+            tally.state(&state(1, 0.0, 1.0));
+            for tick in 2..2 + ticks {
+                let base = state(tick, 0.0, 0.0);
+                tally.state(&State { mode, ..base });
+            }
+            status(&tally)
+        };
+        assert!(ended(Mode::Boot, 10).starts_with("idle: the console was reset"));
+        assert_eq!(ended(Mode::Decaying, 500), "ok");
+        assert!(ended(Mode::Decaying, 1500).starts_with("idle: "));
+        assert_eq!(ended(Mode::Armed, 1500), "ok");
     }
 
     /// A tool that is taken out rests by no safe stop, until somebody asks for one.

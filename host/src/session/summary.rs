@@ -213,6 +213,8 @@ pub struct Summary {
     pub most_lag_m: f64,
     /// Those of them in which it lagged by more than it touched: its force was held, and none was foretold from it.
     pub steps_outrun: u64,
+    /// Those of them in which it touched nothing where its hand was in the tissue.
+    pub steps_missed: u64,
     /// Frames.
     pub frames: Frames,
     /// The link.

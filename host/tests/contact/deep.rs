@@ -3,6 +3,7 @@
 use super::bench::*;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use std::collections::BTreeMap;
+use std::f64::consts::PI;
 use std::sync::Arc;
 use sutura_host::fem::Loads;
 use sutura_host::mesh::{TetMesh, slab};
@@ -433,6 +434,112 @@ fn a_ball_on_a_slanted_way_in_is_looked_at_as_well() {
         }
     }
     assert!(words > 0);
+}
+
+/// Presses a tool in from `above_m` to `below_m` while `turned` and `aside_m` tell its rotation \[rad\] and its way aside \[m\] by the
+/// part of the way: the force against it falls by no more than a tenth before it is said to be inside, which it has to be.
+fn is_inside_before_its_force_has_fallen(
+    scene: &Scene,
+    [above_m, below_m]: [f64; 2],
+    turned: impl Fn(f64) -> Vector3<f64>,
+    aside_m: impl Fn(f64) -> f64,
+    what: &str,
+) {
+    const STEPS: u32 = 200;
+    let mut solver = SceneSolver::new(scene).expect("a solver");
+    let mut hardest_n = 0.0f64;
+    for step in 0..=STEPS {
+        let part = f64::from(step) / f64::from(STEPS);
+        let z = above_m + (below_m - above_m) * part;
+        let [x, y, z_, w]: [f64; 4] = UnitQuaternion::from_scaled_axis(turned(part))
+            .into_inner()
+            .coords
+            .into();
+        let pose = Pose {
+            position_m: [0.002 + aside_m(part), 0.0013, z],
+            orientation: [x, y, z_, w],
+        };
+        let report = solver.step(at_rest(0, &pose));
+        match report.status {
+            Status::Ok | Status::Behind => {}
+            Status::Inside => return,
+            _ => continue,
+        }
+        let force_n = report.contacts()[0].wrench[2];
+        assert!(
+            force_n > 0.87 * hardest_n - 0.1,
+            "{what}, {z} m: {force_n} N after {hardest_n} N"
+        );
+        hardest_n = hardest_n.max(force_n);
+    }
+    panic!("{what}: never inside");
+}
+
+/// However a tool turns on its way in, about its axis or with it.
+#[test]
+fn a_tool_that_turns_on_its_way_in_is_looked_at_as_well() {
+    let to_and_fro = |part: f64| (10.0 * PI * part).sin() * 5.0f64.to_radians();
+    for friction in [0.0, 0.1] {
+        let tool = format!(
+            "shape = \"capsule\"\nradius_m = 0.014\nlength_m = 0.05\naxis = [0.0, 0.0, -1.0]\nfriction = {friction}"
+        );
+        let scene = scene("linear", &tool, [20, 20, 8]);
+        let pressed = |turned: &dyn Fn(f64) -> Vector3<f64>, what: &str| {
+            let what = format!("{what}, friction {friction}");
+            let none = |_| 0.0;
+            is_inside_before_its_force_has_fallen(&scene, [0.016, -0.012], turned, none, &what);
+        };
+        pressed(&|_| Vector3::zeros(), "still");
+        pressed(&|part| Vector3::z() * part, "screwed");
+        pressed(&|part| Vector3::z() * to_and_fro(part), "to and fro");
+        pressed(&|part| Vector3::y() * to_and_fro(part), "tilted to and fro");
+    }
+}
+
+/// However a hand trembles that presses a ball in.
+#[test]
+fn a_ball_in_a_hand_that_trembles_is_looked_at_as_well() {
+    for (friction, aside_m, times) in [
+        (0.0, 7e-4, 16.0),
+        (0.0, 1.5e-3, 8.0),
+        (0.1, 7e-4, 16.0),
+        (0.1, 1.5e-3, 8.0),
+    ] {
+        let tool = format!("radius_m = {RADIUS}\nfriction = {friction}");
+        let scene = scene("linear", &tool, [20, 20, 8]);
+        let aside = |part: f64| aside_m * (2.0 * PI * times * part).sin();
+        let still = |_| Vector3::zeros();
+        let what = format!("{aside_m} m, {times} times, friction {friction}");
+        is_inside_before_its_force_has_fallen(&scene, [0.015, -0.010], still, aside, &what);
+    }
+}
+
+/// A bar that lies across two blocks presses on two patches, which both bear it.
+#[test]
+fn a_bar_across_two_blocks_is_looked_at_as_well() {
+    let part = |name: &str, x: f64| {
+        format!(
+            "[[mesh.part]]\nname = \"{name}\"\nslab = {{ size_m = [0.03, 0.08, 0.03], divisions = [8, 20, 8] }}\nat_m = [{x}, 0.0, 0.0]\n"
+        )
+    };
+    let (left, right) = (part("left", -0.027), part("right", 0.027));
+    for friction in [0.0, 0.1] {
+        let text = format!(
+            "{left}{right}[tissue]\nmodel = \"linear\"\nyoungs_modulus_pa = 15e3\npoisson_ratio = 0.45\n\
+             [[fixed]]\nplane = {{ axis = \"z\", at_m = -0.03 }}\n[[tool]]\nshape = \"capsule\"\nradius_m = 0.01\nlength_m = 0.07\n\
+             axis = [1.0, 0.0, 0.0]\noffset_m = [0.035, 0.0, 0.0]\nfriction = {friction}\n"
+        );
+        let scene = Scene::read(&Document::embedded("bar.toml", "".as_ref(), &text), "bar");
+        let what = format!("friction {friction}");
+        let still = |_| Vector3::zeros();
+        is_inside_before_its_force_has_fallen(
+            &scene.expect("good"),
+            [0.012, -0.02],
+            still,
+            |_| -0.002,
+            &what,
+        );
+    }
 }
 
 /// A ball as a mesh of 512 triangles: its force falls by no more than a tenth before it is said to be inside.

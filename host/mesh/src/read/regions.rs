@@ -80,6 +80,8 @@ pub(super) struct RegionArrays {
     /// The name that the user gives.
     wanted: Option<String>,
     known: Vec<Known>,
+    /// Names of arrays with several whole numbers for each cell.
+    wide: Vec<String>,
 }
 
 impl RegionArrays {
@@ -104,7 +106,13 @@ impl RegionArrays {
     /// Whether the regions are those of this array, in place of one that came before; of equals the first.
     pub fn takes(&mut self, array: Head<'_>) -> bool {
         let is_known = self.known.iter().any(|known| known.name == array.name);
-        if array.width != 1 || is_known {
+        if array.width != 1 {
+            if array.is_whole && !self.wide.iter().any(|name| name == array.name) {
+                self.wide.push(array.name.to_owned());
+            }
+            return false;
+        }
+        if is_known {
             return false;
         }
         self.known.push(Known {
@@ -174,7 +182,11 @@ impl RegionArrays {
             )),
         }
         };
-        Ok(self.known.iter().enumerate().filter_map(note).collect())
+        let wide = self.wide.iter().map(|name| {
+            format!("the cell array `{name}` has several numbers for each cell: regions have one")
+        });
+        let notes = self.known.iter().enumerate().filter_map(note);
+        Ok(notes.chain(wide).collect())
     }
 }
 
@@ -225,6 +237,20 @@ mod tests {
             assert_eq!(name.as_deref(), Some(one));
             assert_eq!(notes.len(), 1, "a name that is guessed is told");
         }
+        let mut wide = RegionArrays::new(None);
+        for is_whole in [true, true, false] {
+            let name = if is_whole { "labels" } else { "fibres" };
+            wide.takes(Head {
+                name,
+                width: 3,
+                is_whole,
+            });
+        }
+        let notes = wide.end().expect("no name is wanted");
+        assert!(
+            notes.len() == 1 && notes[0].contains("`labels`"),
+            "{notes:?}"
+        );
         let (name, notes) = taken(Some("ids"), &["region", "ids"]);
         assert_eq!((name.as_deref(), notes.len()), (Some("ids"), 1));
         let mut none = RegionArrays::new(Some("ids"));

@@ -719,6 +719,11 @@ impl Solve for SceneSolver {
         let touched = self.touched(needle.as_ref(), thread.as_ref());
         let presses = touched && self.presses(needle.as_ref());
         let is_behind = report.status == Status::Behind;
+        let misses = is_behind && !touched;
+        let missed = misses
+            && self
+                .parts()
+                .is_some_and(|(model, ..)| model.has_in_it(&sample));
         let mut outrun = false;
         if is_behind {
             goal.position_m = reached.position_m.map(|x| x as f32);
@@ -740,6 +745,7 @@ impl Solve for SceneSolver {
             touched,
             presses,
             outrun,
+            missed,
             needle,
             thread,
             status: report.status,

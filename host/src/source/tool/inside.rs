@@ -36,8 +36,8 @@ const ALONE: f64 = 0.8;
 const STRAIGHT_IN: f64 = 0.85;
 /// Largest way aside on a way in, as a part of the depth gained: 55 degrees. Beyond 45 degrees a fall counts from [`FALL_OF_A_FACE`] on.
 const SLANT: f64 = 1.5;
-/// Ways aside of the way in that are none, in radii of the tool.
-const ASIDE: f64 = 0.02;
+/// Way aside beyond that, in radii of the tool, up to which a hand trembles: a force before it is compared with one after it.
+const ASIDE: f64 = 0.25;
 /// Distance around the contact within which the tissue's mean rotation is taken, in radii of the tool.
 const AROUND: f64 = 4.0;
 /// Most looks at a tool's way: 16 of its radii where it stays as near as that.
@@ -93,6 +93,8 @@ pub(super) struct Sunk {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Hardest {
     at: Placement,
+    /// Place in the tool's middle that was next to what it touched then \[m\], (3): its way is the tool's, however that turns.
+    core: Vector3<f64>,
     /// Normal force on the tool \[N\], (3), and its direction, unit vector, (3).
     force: Vector3<f64>,
     out: Vector3<f64>,
@@ -102,9 +104,10 @@ pub(crate) struct Hardest {
 }
 
 impl Hardest {
-    pub fn new(at: &Placement, force: &Vector3<f64>) -> Option<Self> {
+    pub fn new(at: &Placement, core: &Vector3<f64>, force: &Vector3<f64>) -> Option<Self> {
         Some(Self {
             at: *at,
+            core: *core,
             force: *force,
             out: force.try_normalize(0.0)?,
             last: *at,
@@ -123,12 +126,16 @@ impl Hardest {
     }
 
     fn way(&self) -> Vector3<f64> {
-        self.last.centre - self.at.centre
+        let arm = self.at.rotation.inverse() * (self.core - self.at.centre);
+        self.last.centre + self.last.rotation * arm - self.core
     }
 
-    /// Forces against the way in, the largest and the last \[N\].
+    /// Forces against the way in, the largest and the last \[N\]. A way that leads aside is that of a hand that trembles.
     fn against(&self) -> [f64; 2] {
-        let against = -self.way().try_normalize(0.0).unwrap_or(-self.out);
+        let way = self.way();
+        let leads_in = self.aside_of(&way) < SLANT * self.deeper(&way);
+        let against = way.try_normalize(0.0).filter(|_| leads_in);
+        let against = against.map_or(self.out, |way| -way);
         [self.force, self.last_force].map(|force| force.dot(&against))
     }
 
@@ -140,42 +147,46 @@ impl Hardest {
     /// Whether the force pushes a tool onward that has gone straight on in.
     pub fn is_pushed_on(&self, turn_m: f64) -> bool {
         let [_, last_n] = self.against();
-        last_n < 0.0 && self.has_fallen(turn_m, FALL)
+        last_n < 0.0 && self.has_fallen(turn_m, 0.0, FALL)
     }
 
     /// Whichever of this and the force `now` is the largest on the way in of a tool of this radius.
-    pub fn or(self, now: Self, turn_m: f64, radius_m: f64) -> Self {
-        if self.is_left(turn_m, ASIDE * radius_m) {
+    pub fn or(self, now: Self, radius_m: f64) -> Self {
+        if self.is_left(ASIDE * radius_m) {
             now
         } else {
             self
         }
     }
 
-    /// Whether the force has fallen since by this share and \[N\], and the tool gone straight on in, or by a tenth on a way that is slanted.
-    fn has_fallen(&self, turn_m: f64, fall: (f64, f64)) -> bool {
+    /// Whether the force has fallen since by this share and \[N\], and the tool gone straight on in, or by a tenth on a way that is slanted,
+    /// turns, or goes aside by up to `trembles_m`.
+    fn has_fallen(&self, turn_m: f64, trembles_m: f64, fall: (f64, f64)) -> bool {
         let way = self.way();
         let [most_n, last_n] = self.against();
-        let (deeper_m, aside_m) = (-way.dot(&self.out), self.aside_of(&way, turn_m));
+        let (deeper_m, aside_m) = (self.deeper(&way), self.aside_of(&way));
         let lost_n = |(share, least_n)| f64::max(share * most_n, least_n);
-        let is_slanted = aside_m < SLANT * deeper_m && last_n < most_n - lost_n(FALL_OF_A_FACE);
-        let is_straight = aside_m < deeper_m && last_n < most_n - lost_n(fall);
-        is_straight || is_slanted
+        let is_straight = aside_m + turn_m < deeper_m;
+        let leads_in = deeper_m > 0.0 && aside_m < SLANT * deeper_m + trembles_m;
+        (is_straight && last_n < most_n - lost_n(fall))
+            || (leads_in && last_n < most_n - lost_n(FALL_OF_A_FACE))
     }
 
-    /// Way across the way in \[m\], turns included.
-    fn aside_of(&self, way: &Vector3<f64>, turn_m: f64) -> f64 {
-        (way - self.out * way.dot(&self.out)).norm() + turn_m
+    /// How far a way leads on in \[m\].
+    fn deeper(&self, way: &Vector3<f64>) -> f64 {
+        -way.dot(&self.out)
+    }
+
+    fn aside_of(&self, way: &Vector3<f64>) -> f64 {
+        (way - self.out * way.dot(&self.out)).norm()
     }
 
     /// Whether the force is larger now, or the tool has gone back since, or aside.
-    fn is_left(&self, turn_m: f64, aside_m: f64) -> bool {
+    fn is_left(&self, aside_m: f64) -> bool {
         let way = self.way();
         let [most_n, last_n] = self.against();
-        let deeper_m = -way.dot(&self.out);
-        last_n >= most_n
-            || deeper_m <= 0.0
-            || self.aside_of(&way, turn_m) > SLANT * deeper_m + aside_m
+        let deeper_m = self.deeper(&way);
+        last_n >= most_n || deeper_m <= 0.0 || self.aside_of(&way) > SLANT * deeper_m + aside_m
     }
 }
 
@@ -217,18 +228,27 @@ impl ToolContacts {
         let Some(at) = &self.placements[place] else {
             return false;
         };
-        let now = Hardest::new(at, force);
+        let solid = tools.solid(place, at);
+        let pressing = self.pressing(tool);
+        let (sum, total) = pressing.fold((Vector3::zeros(), 0.0), |(sum, total), contact| {
+            let force_n = contact.lambda_n[0];
+            (sum + contact.at_m * force_n, total + force_n)
+        });
+        let core = match total > 0.0 {
+            true => solid.core_next_to(&(sum / total)),
+            false => at.centre,
+        };
+        let now = Hardest::new(at, &core, force);
         let (Some(now), Some(hardest)) = (now, &mut self.hardest[place]) else {
             self.hardest[place] = now;
             return false;
         };
-        let solid = tools.solid(place, at);
-        let turn_m = solid.reach() * hardest.at.angle_to(at);
+        let turn_m = solid.turned_m(&tools.solid(place, &hardest.at));
         hardest.go_on(&now);
-        if hardest.has_fallen(turn_m, fall) {
+        if hardest.has_fallen(turn_m, ASIDE * solid.radius(), fall) {
             return true;
         }
-        *hardest = hardest.or(now, turn_m, solid.radius());
+        *hardest = hardest.or(now, solid.radius());
         false
     }
 
@@ -360,7 +380,7 @@ impl Balance<'_> {
         let fall = if is_round { FALL } else { FALL_OF_A_FACE };
         let falls = self.state.tools.falls(tools, tool, &at_rest.force, fall);
         // Where the lips of a cut part before a tool, the force falls as well.
-        let falls = falls && {
+        let falls = falls && at_rest.outwardness() < WRAPS && {
             let pressing = self.state.tools.pressing(tool);
             self.work.tools.patches.largest_share(tools, pressing) >= ALONE
         };

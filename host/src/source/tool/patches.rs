@@ -1,10 +1,15 @@
 //! Patches of the surface that a tool presses on: touched vertices with no more than two others between them.
 //!
 //! Entry point: [`Patches::largest_share`]. Lips of a cut are two patches, of one mesh or of two: the way along the surface from
-//! one to the other leads around the cut.
+//! one to the other leads around the cut. Each pushes the tool away from the other one; patches that push it the same way bear it
+//! side by side, as one.
 
 use super::{Contact, TouchingTools};
 use crate::marks::Marks;
+use nalgebra::Vector3;
+
+/// Cosine of the angle between the forces of patches that push a tool the same way.
+const SAME_WAY: f64 = 0.9;
 
 /// Parent of a vertex outside all patches.
 const NONE: u32 = u32::MAX;
@@ -15,8 +20,8 @@ pub(crate) struct Patches {
     touched: Marks,
     /// Another vertex of its patch, or itself, (b).
     parent: Vec<u32>,
-    /// Normal force on the patch of a vertex that is its own parent \[N\], (b).
-    force_n: Vec<f64>,
+    /// Of the patch of a vertex that is its own parent, (b): normal force on the tool \[N\], (3), and the sum of its parts' magnitudes.
+    pressed: Vec<(Vector3<f64>, f64)>,
 }
 
 impl Patches {
@@ -25,11 +30,12 @@ impl Patches {
         Self {
             touched: Marks::new(count),
             parent: vec![NONE; count],
-            force_n: vec![0.0; count],
+            pressed: vec![(Vector3::zeros(), 0.0); count],
         }
     }
 
-    /// Share of the normal force of `contacts` that the patch with the most of it has; 0 without force.
+    /// Share of the normal force of `contacts` that the patch with the most of it has, with those that push the same way; 0 without
+    /// force.
     pub(super) fn largest_share<'a>(
         &mut self,
         tools: &TouchingTools,
@@ -37,24 +43,39 @@ impl Patches {
     ) -> f64 {
         let pressed = contacts.filter_map(|contact| {
             let place = tools.place_of_node(contact.node)?;
-            Some((place as u32, contact.lambda_n[0]))
+            Some((place as u32, contact))
         });
         self.join(tools, pressed.clone().map(|(place, _)| place));
-        let (mut most_n, mut total_n) = (0.0f64, 0.0);
-        for (place, force_n) in pressed {
+        let (mut most, mut most_n, mut total_n) = (Vector3::zeros(), 0.0, 0.0);
+        for (place, contact) in pressed {
             let patch = self.patch_of(place) as usize;
-            self.force_n[patch] += force_n;
-            most_n = most_n.max(self.force_n[patch]);
-            total_n += force_n;
+            let (force, sum_n) = &mut self.pressed[patch];
+            *force -= contact.normal * contact.lambda_n[0];
+            *sum_n += contact.lambda_n[0];
+            total_n += contact.lambda_n[0];
         }
-        if total_n > 0.0 { most_n / total_n } else { 0.0 }
+        for (force, sum_n) in &self.pressed {
+            if *sum_n > most_n {
+                (most, most_n) = (*force, *sum_n);
+            }
+        }
+        let pushes_alike = |(force, _): &&(Vector3<f64>, f64)| {
+            force.dot(&most) >= SAME_WAY * force.norm() * most.norm()
+        };
+        let alike = self.pressed.iter().filter(pushes_alike);
+        let alike_n: f64 = alike.map(|(_, sum_n)| sum_n).sum();
+        if total_n > 0.0 {
+            alike_n / total_n
+        } else {
+            0.0
+        }
     }
 
     /// Makes patches of what is `touched` and of the vertices beside it.
     fn join(&mut self, tools: &TouchingTools, touched: impl Iterator<Item = u32>) {
         self.touched.clear();
         self.parent.fill(NONE);
-        self.force_n.fill(0.0);
+        self.pressed.fill((Vector3::zeros(), 0.0));
         for place in touched {
             self.touched.set(place);
             self.parent[place as usize] = place;
