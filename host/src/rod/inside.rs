@@ -109,8 +109,9 @@ fn pressed(
         centre: rod.curve.at(0.5 * rod.front_m),
         rotation: *rotation,
     };
-    let (Some(now), Some(mut hardest)) = (Hardest::new(&at, &at.centre, force), before) else {
-        return (Hardest::new(&at, &at.centre, force), false);
+    let (Some(now), Some(mut hardest)) = (Hardest::new(&at, &at.centre, force, force), before)
+    else {
+        return (Hardest::new(&at, &at.centre, force, force), false);
     };
     let turn_m = 0.5 * rod.front_m * hardest.angle_to(&at);
     hardest.go_on(&now);

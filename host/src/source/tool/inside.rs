@@ -30,6 +30,8 @@ const WRAPS: f64 = 0.75;
 const FALL: (f64, f64) = (0.015, 0.02);
 /// The same of other tools: vertices that leave a face over its rim take a little with them.
 const FALL_OF_A_FACE: (f64, f64) = (0.1, 0.1);
+/// The same on a way aside: tissue along which a tool is drawn lifts off behind it.
+const FALL_ASIDE: (f64, f64) = (0.25, 0.1);
 /// Share of the normal force that one patch of the surface has at least where it alone presses on a tool.
 const ALONE: f64 = 0.8;
 /// Cosine of the angle between a way straight in and the inward normal of the tissue, from which on it is one.
@@ -51,6 +53,8 @@ struct Pressing {
     total: f64,
     /// Sum of its parts along the outward normals at their vertices \[N\].
     outward: f64,
+    /// Sum of those normals, each times its part \[N\], (3).
+    out: Vector3<f64>,
 }
 
 impl Pressing {
@@ -95,7 +99,7 @@ pub(crate) struct Hardest {
     at: Placement,
     /// Place in the tool's middle that was next to what it touched then \[m\], (3): its way is the tool's, however that turns.
     core: Vector3<f64>,
-    /// Normal force on the tool \[N\], (3), and its direction, unit vector, (3).
+    /// Normal force on the tool \[N\], (3), and the way out, unit vector, (3).
     force: Vector3<f64>,
     out: Vector3<f64>,
     /// Tool position at the last equilibrium \[m\], and its force there \[N\], (3).
@@ -104,12 +108,19 @@ pub(crate) struct Hardest {
 }
 
 impl Hardest {
-    pub fn new(at: &Placement, core: &Vector3<f64>, force: &Vector3<f64>) -> Option<Self> {
+    /// `out` leads out of the tissue, and is of any length: a tool that is drawn along is pushed another way. None where nothing pushes.
+    pub fn new(
+        at: &Placement,
+        core: &Vector3<f64>,
+        force: &Vector3<f64>,
+        out: &Vector3<f64>,
+    ) -> Option<Self> {
+        let along = force.try_normalize(0.0)?;
         Some(Self {
             at: *at,
             core: *core,
             force: *force,
-            out: force.try_normalize(0.0)?,
+            out: out.try_normalize(0.0).unwrap_or(along),
             last: *at,
             last_force: *force,
         })
@@ -130,13 +141,16 @@ impl Hardest {
         self.last.centre + self.last.rotation * arm - self.core
     }
 
-    /// Forces against the way in, the largest and the last \[N\]. A way that leads aside is that of a hand that trembles.
+    /// Forces against the way in, the largest and the last \[N\]; their magnitudes where the way leads aside, as that of a hand does which
+    /// trembles: tissue along which a tool is drawn pushes less from below, and more from before.
     fn against(&self) -> [f64; 2] {
         let way = self.way();
-        let leads_in = self.aside_of(&way) < SLANT * self.deeper(&way);
-        let against = way.try_normalize(0.0).filter(|_| leads_in);
-        let against = against.map_or(self.out, |way| -way);
-        [self.force, self.last_force].map(|force| force.dot(&against))
+        let forces = [self.force, self.last_force];
+        if self.aside_of(&way) >= SLANT * self.deeper(&way) {
+            return forces.map(|force| force.norm());
+        }
+        let against = -way.try_normalize(0.0).unwrap_or(-self.out);
+        forces.map(|force| force.dot(&against))
     }
 
     /// Angle from there to a place \[rad\].
@@ -159,17 +173,19 @@ impl Hardest {
         }
     }
 
-    /// Whether the force has fallen since by this share and \[N\], and the tool gone straight on in, or by a tenth on a way that is slanted,
-    /// turns, or goes aside by up to `trembles_m`.
+    /// Whether the force has fallen since by this share and \[N\], and the tool gone straight on in, or by a tenth on a way that is slanted or
+    /// turns, or by a quarter on one that goes aside by up to `trembles_m`.
     fn has_fallen(&self, turn_m: f64, trembles_m: f64, fall: (f64, f64)) -> bool {
         let way = self.way();
         let [most_n, last_n] = self.against();
         let (deeper_m, aside_m) = (self.deeper(&way), self.aside_of(&way));
-        let lost_n = |(share, least_n)| f64::max(share * most_n, least_n);
-        let is_straight = aside_m + turn_m < deeper_m;
-        let leads_in = deeper_m > 0.0 && aside_m < SLANT * deeper_m + trembles_m;
-        (is_straight && last_n < most_n - lost_n(fall))
-            || (leads_in && last_n < most_n - lost_n(FALL_OF_A_FACE))
+        let fall = match deeper_m > 0.0 {
+            true if aside_m + turn_m < deeper_m => fall,
+            true if aside_m < SLANT * deeper_m => FALL_OF_A_FACE,
+            true if aside_m < SLANT * deeper_m + trembles_m => FALL_ASIDE,
+            _ => return false,
+        };
+        last_n < most_n - f64::max(fall.0 * most_n, fall.1)
     }
 
     /// How far a way leads on in \[m\].
@@ -203,6 +219,7 @@ impl ToolContacts {
             force: Vector3::zeros(),
             total: 0.0,
             outward: 0.0,
+            out: Vector3::zeros(),
         };
         self.pressing(tool).fold(nothing, |sum, contact| {
             let force = -contact.normal * contact.lambda_n[0];
@@ -212,6 +229,7 @@ impl ToolContacts {
                 force: sum.force + force,
                 total: sum.total + contact.lambda_n[0],
                 outward: sum.outward + force.dot(&out),
+                out: sum.out + out * contact.lambda_n[0],
             }
         })
     }
@@ -221,7 +239,7 @@ impl ToolContacts {
         &mut self,
         tools: &TouchingTools,
         tool: u32,
-        force: &Vector3<f64>,
+        pressed: &Pressing,
         fall: (f64, f64),
     ) -> bool {
         let place = tool as usize;
@@ -229,16 +247,15 @@ impl ToolContacts {
             return false;
         };
         let solid = tools.solid(place, at);
-        let pressing = self.pressing(tool);
-        let (sum, total) = pressing.fold((Vector3::zeros(), 0.0), |(sum, total), contact| {
-            let force_n = contact.lambda_n[0];
-            (sum + contact.at_m * force_n, total + force_n)
+        let total = pressed.total;
+        let sum = self.pressing(tool).fold(Vector3::zeros(), |sum, contact| {
+            sum + contact.at_m * contact.lambda_n[0]
         });
         let core = match total > 0.0 {
             true => solid.core_next_to(&(sum / total)),
             false => at.centre,
         };
-        let now = Hardest::new(at, &core, force);
+        let now = Hardest::new(at, &core, &pressed.force, &pressed.out);
         let (Some(now), Some(hardest)) = (now, &mut self.hardest[place]) else {
             self.hardest[place] = now;
             return false;
@@ -378,7 +395,7 @@ impl Balance<'_> {
         let is_round = matches!(shape, Shape::Sphere { .. } | Shape::Capsule { .. });
         let has_faces = matches!(shape, Shape::FlatPunch { .. } | Shape::RoundedBox { .. });
         let fall = if is_round { FALL } else { FALL_OF_A_FACE };
-        let falls = self.state.tools.falls(tools, tool, &at_rest.force, fall);
+        let falls = self.state.tools.falls(tools, tool, &at_rest, fall);
         // Where the lips of a cut part before a tool, the force falls as well.
         let falls = falls && at_rest.outwardness() < WRAPS && {
             let pressing = self.state.tools.pressing(tool);
