@@ -109,9 +109,9 @@ fn pressed(
         centre: rod.curve.at(0.5 * rod.front_m),
         rotation: *rotation,
     };
-    let (Some(now), Some(mut hardest)) = (Hardest::new(&at, &at.centre, force, force), before)
-    else {
-        return (Hardest::new(&at, &at.centre, force, force), false);
+    let now = Hardest::new(&at, &at.centre, force, force, force.norm());
+    let (Some(now), Some(mut hardest)) = (now, before) else {
+        return (now, false);
     };
     let turn_m = 0.5 * rod.front_m * hardest.angle_to(&at);
     hardest.go_on(&now);

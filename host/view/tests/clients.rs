@@ -283,7 +283,7 @@ fn a_recording_is_looked_at_by_time() {
         let refused = early.ask(json!({"id": 1, "do": "seek", "time_s": 0})).await;
         assert!(refused["error"].is_object());
         for number in 0..400_u32 {
-            server.shared().block(ticks(number as u8));
+            server.shared().block(ticks(number));
             server
                 .shared()
                 .recorded_picture(f64::from(number) / 30.0, picture(number + 1, 100));

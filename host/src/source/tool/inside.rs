@@ -55,6 +55,8 @@ struct Pressing {
     outward: f64,
     /// Sum of those normals, each times its part \[N\], (3).
     out: Vector3<f64>,
+    /// Force on the tool with friction \[N\], (3).
+    whole: Vector3<f64>,
 }
 
 impl Pressing {
@@ -105,15 +107,19 @@ pub(crate) struct Hardest {
     /// Tool position at the last equilibrium \[m\], and its force there \[N\], (3).
     last: Placement,
     last_force: Vector3<f64>,
+    /// Magnitude of the force with friction, the largest and the last \[N\].
+    whole_n: [f64; 2],
 }
 
 impl Hardest {
-    /// `out` leads out of the tissue, and is of any length: a tool that is drawn along is pushed another way. None where nothing pushes.
+    /// `out` leads out of the tissue, and is of any length: a tool that is drawn along is pushed another way. `whole_n` is the force's
+    /// magnitude with friction \[N\]. None where nothing pushes.
     pub fn new(
         at: &Placement,
         core: &Vector3<f64>,
         force: &Vector3<f64>,
         out: &Vector3<f64>,
+        whole_n: f64,
     ) -> Option<Self> {
         let along = force.try_normalize(0.0)?;
         Some(Self {
@@ -123,6 +129,7 @@ impl Hardest {
             out: out.try_normalize(0.0).unwrap_or(along),
             last: *at,
             last_force: *force,
+            whole_n: [whole_n; 2],
         })
     }
 
@@ -134,6 +141,7 @@ impl Hardest {
             self.force -= self.out * lost_n.max(0.0);
         }
         (self.last, self.last_force) = (now.at, now.force);
+        self.whole_n[1] = now.whole_n[1];
     }
 
     fn way(&self) -> Vector3<f64> {
@@ -141,16 +149,15 @@ impl Hardest {
         self.last.centre + self.last.rotation * arm - self.core
     }
 
-    /// Forces against the way in, the largest and the last \[N\]; their magnitudes where the way leads aside, as that of a hand does which
-    /// trembles: tissue along which a tool is drawn pushes less from below, and more from before.
+    /// Forces against the way in, the largest and the last \[N\]; their magnitudes with friction where the way leads aside, as that of a hand
+    /// does which trembles: tissue along which a tool is drawn pushes less from below, and more from before.
     fn against(&self) -> [f64; 2] {
         let way = self.way();
-        let forces = [self.force, self.last_force];
         if self.aside_of(&way) >= SLANT * self.deeper(&way) {
-            return forces.map(|force| force.norm());
+            return self.whole_n;
         }
         let against = -way.try_normalize(0.0).unwrap_or(-self.out);
-        forces.map(|force| force.dot(&against))
+        [self.force, self.last_force].map(|force| force.dot(&against))
     }
 
     /// Angle from there to a place \[rad\].
@@ -220,6 +227,7 @@ impl ToolContacts {
             total: 0.0,
             outward: 0.0,
             out: Vector3::zeros(),
+            whole: Vector3::zeros(),
         };
         self.pressing(tool).fold(nothing, |sum, contact| {
             let force = -contact.normal * contact.lambda_n[0];
@@ -230,6 +238,7 @@ impl ToolContacts {
                 total: sum.total + contact.lambda_n[0],
                 outward: sum.outward + force.dot(&out),
                 out: sum.out + out * contact.lambda_n[0],
+                whole: sum.whole - contact.force_n(),
             }
         })
     }
@@ -255,7 +264,13 @@ impl ToolContacts {
             true => solid.core_next_to(&(sum / total)),
             false => at.centre,
         };
-        let now = Hardest::new(at, &core, &pressed.force, &pressed.out);
+        let now = Hardest::new(
+            at,
+            &core,
+            &pressed.force,
+            &pressed.out,
+            pressed.whole.norm(),
+        );
         let (Some(now), Some(hardest)) = (now, &mut self.hardest[place]) else {
             self.hardest[place] = now;
             return false;
