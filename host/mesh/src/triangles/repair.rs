@@ -293,7 +293,7 @@ impl TriangleMesh {
     pub fn bodies(&self) -> Result<Vec<TriangleMesh>, SurfaceFlaw> {
         let parts = self.parts(&mut vec![false; self.triangles.len()])?;
         let around = self.parts_around(&parts);
-        let outer = (0..parts.len()).filter(|part| around[*part].len() % 2 == 0);
+        let outer = (0..parts.len()).filter(|part| around[*part].len().is_multiple_of(2));
         let bodies = outer.map(|outer| {
             let depth = around[outer].len() + 1;
             let is_hollow =

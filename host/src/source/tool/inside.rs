@@ -184,15 +184,18 @@ impl Hardest {
     /// turns, or by a quarter on one that goes aside by up to `trembles_m`.
     fn has_fallen(&self, turn_m: f64, trembles_m: f64, fall: (f64, f64)) -> bool {
         let way = self.way();
-        let [most_n, last_n] = self.against();
         let (deeper_m, aside_m) = (self.deeper(&way), self.aside_of(&way));
-        let fall = match deeper_m > 0.0 {
-            true if aside_m + turn_m < deeper_m => fall,
-            true if aside_m < SLANT * deeper_m => FALL_OF_A_FACE,
-            true if aside_m < SLANT * deeper_m + trembles_m => FALL_ASIDE,
-            _ => return false,
+        let falls = |[most_n, last_n]: [f64; 2], (share, least_n): (f64, f64)| {
+            last_n < most_n - f64::max(share * most_n, least_n)
         };
-        last_n < most_n - f64::max(fall.0 * most_n, fall.1)
+        let is_on_way = |slant, more_m| deeper_m > 0.0 && aside_m < slant * deeper_m + more_m;
+        if is_on_way(1.0, -turn_m) {
+            return falls(self.against(), fall);
+        }
+        if is_on_way(SLANT, 0.0) {
+            return falls(self.against(), FALL_OF_A_FACE) || falls(self.whole_n, FALL_OF_A_FACE);
+        }
+        is_on_way(SLANT, trembles_m) && falls(self.whole_n, FALL_ASIDE)
     }
 
     /// How far a way leads on in \[m\].
