@@ -227,7 +227,7 @@ mod tests {
         drop(console);
         assert_eq!(
             host.read(&mut [0; 8], LONG).map_err(|e| e.kind()),
-            Err(io::ErrorKind::BrokenPipe)
+            Err(ErrorKind::BrokenPipe)
         );
         Ok(())
     }
