@@ -48,8 +48,8 @@ impl Solid {
         }
     }
 
-    /// How far its surface has turned from where `before` is the same shape, beside the way of its centre \[m\]: nothing where it is round
-    /// about its axis and turned about that.
+    /// Largest way of the surface \[m\] that turns from `before`, the same shape, have caused. A turn of a round shape about its axis
+    /// counts for nothing.
     pub fn turned_m(&self, before: &Self) -> f64 {
         let tilt = (self.axis - before.axis).norm();
         let roll = match self.shape {
@@ -182,7 +182,7 @@ impl Solid {
         }
     }
 
-    /// The point of the middle, or of the segment about which the shape is thick, that is next to a place.
+    /// Point of the core that is nearest to a place: the core is the middle, or the segment about which the shape is thick.
     pub fn core_next_to(&self, place: &Vector3<f64>) -> Vector3<f64> {
         match self.shape {
             Shape::FlatPunch { length_m, .. }

@@ -141,7 +141,7 @@ pub trait Steer {
     /// stands still meanwhile; may end the session.
     fn steer(&mut self, now: &Steered<'_>, orders: &mut Vec<Order>) -> ControlFlow<()>;
 
-    /// What persons have asked for since this was asked last that brings the console to rest, with their names.
+    /// Requests for rest since the last call, with the names of the persons.
     fn stops(&mut self) -> Vec<(Stop, String)> {
         Vec::new()
     }

@@ -70,7 +70,7 @@ pub trait Attendant {
     /// It rests, since `person` asked for that.
     fn stopped(&mut self, _stop: Stop, _person: &str) {}
 
-    /// What persons have asked for since this was asked last that brings the console to rest, with their names.
+    /// Requests for rest since the last call, with the names of the persons.
     fn stops(&mut self) -> Vec<(Stop, String)> {
         Vec::new()
     }

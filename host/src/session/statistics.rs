@@ -341,7 +341,7 @@ impl Statistics {
         self.rests = None;
     }
 
-    /// Takes note of what the person of that name asked for while the session ran.
+    /// Takes note of a request of the person of that name while the session ran.
     pub fn stop(&mut self, stop: Stop, by: String) {
         let at_s = self.ticks() as f64 / f64::from(TICK_HZ);
         let asked = SafeStop { at_s, by };

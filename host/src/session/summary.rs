@@ -130,12 +130,12 @@ pub struct LinkSummary {
     pub sessions: u32,
 }
 
-/// What a person has asked for that brings the console to rest.
+/// Request of a person that brings the console to rest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stop {
-    /// That it rests until somebody arms it.
+    /// Rest until somebody arms it.
     Safe,
-    /// That its tool leaves the tissue without a force.
+    /// Way of its tool out of the tissue, without a force.
     TakeOut,
 }
 

@@ -35,7 +35,7 @@ pub struct PageAttendant {
     arms: bool,
     /// Whether a page has stopped it, and none has armed it since: then it is not armed by itself.
     is_stopped: bool,
-    /// Who has asked for it to rest, and is not told of yet.
+    /// Requests for rest that are not reported yet, with the names of the persons.
     stops: Vec<(Stop, String)>,
     /// Of a simulated console: its hand, and since when.
     hand: Option<(Guide, Instant)>,

@@ -112,7 +112,7 @@ pub struct Helm<'a> {
     out: Option<TakeOut>,
     /// Tick at which the way out that it is on ends, and the number of further ones; then the console is armed.
     leaving: Option<(u64, u8)>,
-    /// Who has asked for it to rest, and is not told of yet.
+    /// Requests for rest that are not reported yet, with the names of the persons.
     stops: Vec<(Stop, String)>,
     making: Option<Making>,
     /// Sessions in the making in whose place another one was asked for.

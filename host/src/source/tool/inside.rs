@@ -198,7 +198,7 @@ impl Hardest {
         is_on_way(SLANT, trembles_m) && falls(self.whole_n, FALL_ASIDE)
     }
 
-    /// How far a way leads on in \[m\].
+    /// Depth that is gained on a way \[m\].
     fn deeper(&self, way: &Vector3<f64>) -> f64 {
         -way.dot(&self.out)
     }

@@ -20,7 +20,7 @@ pub(crate) struct Patches {
     touched: Marks,
     /// Another vertex of its patch, or itself, (b).
     parent: Vec<u32>,
-    /// Of the patch of a vertex that is its own parent, (b): normal force on the tool \[N\], (3), and the sum of its parts' magnitudes.
+    /// Normal force of a patch on the tool \[N\], (3), and the sum of its parts' magnitudes, at the vertex that is its own parent, (b).
     pressed: Vec<(Vector3<f64>, f64)>,
 }
 
