@@ -40,6 +40,8 @@ const STRAIGHT_IN: f64 = 0.85;
 const SLANT: f64 = 1.5;
 /// Way aside beyond that, in radii of the tool, up to which a hand trembles: a force before it is compared with one after it.
 const ASIDE: f64 = 0.25;
+/// Way aside beyond that, in radii of the tool, from which on a tool is no longer on its way straight in.
+const STRAYS: f64 = 0.02;
 /// Distance around the contact within which the tissue's mean rotation is taken, in radii of the tool.
 const AROUND: f64 = 4.0;
 /// Most looks at a tool's way: 16 of its radii where it stays as near as that.
@@ -95,20 +97,29 @@ pub(super) struct Sunk {
     is_deep: bool,
 }
 
+/// Force on a tool.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Force {
+    /// Without friction \[N\], (3).
+    normal: Vector3<f64>,
+    /// Magnitude with friction \[N\].
+    whole_n: f64,
+}
+
 /// Largest force on a tool on its way in, and its place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Hardest {
     at: Placement,
     /// Place in the tool's middle that was next to what it touched then \[m\], (3): its way is the tool's, however that turns.
     core: Vector3<f64>,
-    /// Normal force on the tool \[N\], (3), and the way out, unit vector, (3).
-    force: Vector3<f64>,
+    force: Force,
+    /// The way out, unit vector, (3).
     out: Vector3<f64>,
-    /// Tool position at the last equilibrium \[m\], and its force there \[N\], (3).
+    /// Tool position at the last equilibrium, and its force there.
     last: Placement,
-    last_force: Vector3<f64>,
-    /// Magnitude of the force with friction, the largest and the last \[N\].
-    whole_n: [f64; 2],
+    last_force: Force,
+    /// Whether the tool has gone aside since: it was somewhere else meanwhile, and may have turned back.
+    has_strayed: bool,
 }
 
 impl Hardest {
@@ -117,19 +128,23 @@ impl Hardest {
     pub fn new(
         at: &Placement,
         core: &Vector3<f64>,
-        force: &Vector3<f64>,
+        normal: &Vector3<f64>,
         out: &Vector3<f64>,
         whole_n: f64,
     ) -> Option<Self> {
-        let along = force.try_normalize(0.0)?;
+        let along = normal.try_normalize(0.0)?;
+        let force = Force {
+            normal: *normal,
+            whole_n,
+        };
         Some(Self {
             at: *at,
             core: *core,
-            force: *force,
+            force,
             out: out.try_normalize(0.0).unwrap_or(along),
             last: *at,
-            last_force: *force,
-            whole_n: [whole_n; 2],
+            last_force: force,
+            has_strayed: false,
         })
     }
 
@@ -137,11 +152,10 @@ impl Hardest {
     /// comes to balance, or another tool goes.
     pub fn go_on(&mut self, now: &Self) {
         if now.at == self.last {
-            let lost_n = (self.last_force - now.force).dot(&self.out);
-            self.force -= self.out * lost_n.max(0.0);
+            let lost_n = (self.last_force.normal - now.force.normal).dot(&self.out);
+            self.force.normal -= self.out * lost_n.max(0.0);
         }
         (self.last, self.last_force) = (now.at, now.force);
-        self.whole_n[1] = now.whole_n[1];
     }
 
     fn way(&self) -> Vector3<f64> {
@@ -149,15 +163,15 @@ impl Hardest {
         self.last.centre + self.last.rotation * arm - self.core
     }
 
-    /// Forces against the way in, the largest and the last \[N\]; their magnitudes with friction where the way leads aside, as that of a hand
-    /// does which trembles: tissue along which a tool is drawn pushes less from below, and more from before.
+    /// Normal forces against the way in, the largest and the last \[N\].
     fn against(&self) -> [f64; 2] {
-        let way = self.way();
-        if self.aside_of(&way) >= SLANT * self.deeper(&way) {
-            return self.whole_n;
-        }
-        let against = -way.try_normalize(0.0).unwrap_or(-self.out);
-        [self.force, self.last_force].map(|force| force.dot(&against))
+        let against = -self.way().try_normalize(0.0).unwrap_or(-self.out);
+        [self.force, self.last_force].map(|force| force.normal.dot(&against))
+    }
+
+    /// Magnitudes with friction, the largest and the last \[N\].
+    fn whole(&self) -> [f64; 2] {
+        [self.force.whole_n, self.last_force.whole_n]
     }
 
     /// Angle from there to a place \[rad\].
@@ -168,52 +182,61 @@ impl Hardest {
     /// Whether the force pushes a tool onward that has gone straight on in.
     pub fn is_pushed_on(&self, turn_m: f64) -> bool {
         let [_, last_n] = self.against();
-        last_n < 0.0 && self.has_fallen(turn_m, 0.0, FALL)
+        last_n < 0.0 && self.falls_ahead(turn_m, FALL) == Some(true)
     }
 
-    /// Whichever of this and the force `now` is the largest on the way in of a tool of this radius.
+    /// Whichever of this and the force `now` is the largest on the way in of a tool of this radius: `now` where it is larger, or the tool
+    /// has gone back, or farther aside than a hand trembles.
     pub fn or(self, now: Self, radius_m: f64) -> Self {
-        if self.is_left(ASIDE * radius_m) {
-            now
-        } else {
-            self
+        let has_strayed = self.has_strayed || !self.is_on_way(SLANT, STRAYS * radius_m);
+        // Tissue along which a tool is drawn pushes less from below, and more from before.
+        let [most_n, last_n] = match has_strayed {
+            true => self.whole(),
+            false => self.against(),
+        };
+        if last_n >= most_n || !self.is_on_way(SLANT, ASIDE * radius_m) {
+            return now;
+        }
+        Self {
+            has_strayed,
+            ..self
         }
     }
 
     /// Whether the force has fallen since by this share and \[N\], and the tool gone straight on in, or by a tenth on a way that is slanted or
-    /// turns, or by a quarter on one that goes aside by up to `trembles_m`.
+    /// turns, or by a quarter after it went aside, by up to `trembles_m`.
     fn has_fallen(&self, turn_m: f64, trembles_m: f64, fall: (f64, f64)) -> bool {
-        let way = self.way();
-        let (deeper_m, aside_m) = (self.deeper(&way), self.aside_of(&way));
-        let falls = |[most_n, last_n]: [f64; 2], (share, least_n): (f64, f64)| {
-            last_n < most_n - f64::max(share * most_n, least_n)
+        let ahead = self.falls_ahead(turn_m, fall);
+        ahead.filter(|_| !self.has_strayed).unwrap_or_else(|| {
+            self.is_on_way(SLANT, trembles_m) && has_fallen_by(self.whole(), FALL_ASIDE)
+        })
+    }
+
+    /// Whether the force has fallen by this share and \[N\] on a way straight in, or by a tenth on one that is slanted or turns. None where the
+    /// tool is on neither.
+    fn falls_ahead(&self, turn_m: f64, fall: (f64, f64)) -> Option<bool> {
+        let against = self.against();
+        if self.is_on_way(1.0, -turn_m) {
+            return Some(has_fallen_by(against, fall));
+        }
+        let falls = || {
+            has_fallen_by(against, FALL_OF_A_FACE) || has_fallen_by(self.whole(), FALL_OF_A_FACE)
         };
-        let is_on_way = |slant, more_m| deeper_m > 0.0 && aside_m < slant * deeper_m + more_m;
-        if is_on_way(1.0, -turn_m) {
-            return falls(self.against(), fall);
-        }
-        if is_on_way(SLANT, 0.0) {
-            return falls(self.against(), FALL_OF_A_FACE) || falls(self.whole_n, FALL_OF_A_FACE);
-        }
-        is_on_way(SLANT, trembles_m) && falls(self.whole_n, FALL_ASIDE)
+        self.is_on_way(SLANT, 0.0).then(falls)
     }
 
-    /// Depth that is gained on a way \[m\].
-    fn deeper(&self, way: &Vector3<f64>) -> f64 {
-        -way.dot(&self.out)
-    }
-
-    fn aside_of(&self, way: &Vector3<f64>) -> f64 {
-        (way - self.out * way.dot(&self.out)).norm()
-    }
-
-    /// Whether the force is larger now, or the tool has gone back since, or aside.
-    fn is_left(&self, aside_m: f64) -> bool {
+    /// Whether the tool is deeper now, and aside by less than a part `slant` of that and `more_m`.
+    fn is_on_way(&self, slant: f64, more_m: f64) -> bool {
         let way = self.way();
-        let [most_n, last_n] = self.against();
-        let deeper_m = self.deeper(&way);
-        last_n >= most_n || deeper_m <= 0.0 || self.aside_of(&way) > SLANT * deeper_m + aside_m
+        let deeper_m = -way.dot(&self.out);
+        let aside_m = (way + self.out * deeper_m).norm();
+        deeper_m > 0.0 && aside_m < slant * deeper_m + more_m
     }
+}
+
+/// Whether of the largest force and the last this share and \[N\] are lost.
+fn has_fallen_by([most_n, last_n]: [f64; 2], (share, least_n): (f64, f64)) -> bool {
+    last_n < most_n - f64::max(share * most_n, least_n)
 }
 
 impl ToolContacts {
