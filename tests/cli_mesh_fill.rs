@@ -332,6 +332,160 @@ fn bodies_that_lie_apart_are_filled_one_by_one() {
     assert!(unwrapped(&ran).contains("21 bodies"), "{}", ran.stderr);
 }
 
+/// Two boxes of 30 mm in place of what gmsh makes of two bodies, one after the other: the second is so far above the first \[mm\].
+fn stacked(at: &Path, up: f64) {
+    for (name, by) in [("1", [0.0; 3]), ("0", [3.0, 2.0, up])] {
+        let slab = sutura_host::mesh::slab([30.0; 3], [6; 3]).expect("a slab");
+        let points = slab.points_m().iter();
+        let points = points.map(|x| [0, 1, 2].map(|axis| x[axis] + by[axis]));
+        let regions = vec![1; slab.cells().len()];
+        let mut raw =
+            sutura_host::mesh::RawMesh::new(points.collect(), slab.cells().to_vec(), regions);
+        raw.region_names.insert(1, "tissue".into());
+        let path = at.join(format!("bin/body-{name}.msh"));
+        let format = sutura_host::output::MeshFormat::of(&path).expect("a format");
+        sutura_host::output::write_mesh(&raw, &path, format).expect("written");
+    }
+}
+
+/// Bodies are meshed one by one: where what comes of them lies in each other it is said, and scenes in which they may touch refuse
+/// what they do not bear, named as two parts or as one.
+#[test]
+fn bodies_that_lie_in_each_other_are_warned_of() {
+    let folder = folder(
+        r#"
+bin="$(dirname "$0")"
+echo ran >> "$bin/runs"
+cp "$bin/body-$(($(wc -l < "$bin/runs") % 2)).msh" filled.msh
+"#,
+    );
+    let at = folder.path();
+    let apart = [cuboid([0.0; 3], 30.0), cuboid([50.0, 0.0, 0.0], 30.0)];
+    stl(&at.join("two.stl"), &apart.concat());
+    let scene = "[mesh]\nfile = \"a.msh\"\nscale_to_m = 1.0\n[tissue]\nmodel = \"linear\"\nyoungs_modulus_pa = 20e3\npoisson_ratio = 0.45\n\
+                 [[fixed]]\nplane = { axis = \"z\", at_m = -0.03 }\n[[fixed]]\nplane = { axis = \"x\", at_m = -0.012 }\n\
+                 [[tissue_contact]]\nbetween = [\"tissue\", \"tissue\"]\n";
+    std::fs::write(at.join("scene.toml"), scene).expect("writable");
+    for (up, said, checked) in [
+        (28.0, Some(["0.35 mean edges (2.000 mm)", "refuse that"]), 2),
+        (
+            29.0,
+            Some(["0.18 mean edges (1.000 mm)", "not kept apart"]),
+            0,
+        ),
+        (30.0, None, 0),
+        (31.0, None, 0),
+    ] {
+        stacked(at, up);
+        let arguments = [
+            "two.stl",
+            "--nodes",
+            "686",
+            "--out",
+            "a.msh",
+            "--scale",
+            "0.001",
+            "--overwrite",
+        ];
+        let ran = fill(at, &[&arguments[..], &["--format", "json"]].concat());
+        assert_eq!(ran.code, 0, "{}", ran.stderr);
+        let report = ran.json();
+        assert_described("mesh-fill", &report);
+        let warnings = report["warnings"].as_array().expect("a list");
+        assert_eq!(warnings.len(), usize::from(said.is_some()), "{report}");
+        if let Some([depth, scenes]) = said {
+            let words = format!("bodies 1 and 2 lie in each other by up to {depth}, at about [");
+            let message = warnings[0]["message"].as_str().expect("text");
+            assert!(message.starts_with(&words), "{message}");
+            assert!(
+                message.ends_with(": 72 nodes of either lie in the other"),
+                "{message}"
+            );
+            let help = warnings[0]["help"].as_str().expect("text");
+            assert!(
+                help.contains("more --nodes") && help.contains(scenes),
+                "{help}"
+            );
+            assert!(ran.stderr.contains(&words), "{}", ran.stderr);
+        }
+        let check = sutura_in(at, &["scene", "check", "scene.toml"]);
+        assert_eq!(check.code, checked, "{up}: {}", check.stderr);
+        assert_eq!(
+            check.stderr.contains("deep in each other"),
+            checked == 2,
+            "{up}: {}",
+            check.stderr
+        );
+    }
+}
+
+/// A later run that fails takes nothing from an earlier one.
+#[test]
+fn a_run_that_fails_leaves_the_nearest_before_it() {
+    let once = r#"[ -e "$(dirname "$0")/sizes" ] && { echo 'Error   : PLC Error'; exit 1; }"#;
+    for (wanted, nodes, which) in [("20", 27, "coarser"), ("900", 729, "finer")] {
+        let folder = folder(&format!("{once}{STAND_IN}"));
+        let at = folder.path();
+        stand_ins(at);
+        let arguments = [
+            "box.stl", "--nodes", wanted, "--out", "a.msh", "--scale", "0.001",
+        ];
+        let ran = fill(at, &[&arguments[..], &["--format", "json"]].concat());
+        assert_eq!(ran.code, 0, "{}", ran.stderr);
+        let report = ran.json();
+        assert_eq!(
+            (&report["nodes"], &report["runs"]),
+            (&nodes.into(), &2.into()),
+            "{report}"
+        );
+        let message = report["warnings"][0]["message"].as_str().expect("text");
+        assert!(
+            message.starts_with(&format!("a run with {which} cells, edges of ")),
+            "{message}"
+        );
+        assert!(
+            message.ends_with("it says: Error   : PLC Error"),
+            "{message}"
+        );
+        assert!(ran.stderr.contains("PLC Error"), "{}", ran.stderr);
+        let info = sutura_in(at, &["mesh", "info", "a.msh", "--format", "json"]).json();
+        assert_eq!(info["nodes"], nodes);
+    }
+}
+
+/// Of several bodies the one that gmsh does not fill is named by its number, its size and its place.
+#[test]
+fn the_body_that_is_not_filled_is_named() {
+    let folder = folder(&format!(
+        r#"[ -e "$(dirname "$0")/sizes" ] && {{ echo 'Error   : overlapping facets'; exit 1; }}{STAND_IN}"#
+    ));
+    let at = folder.path();
+    stand_ins(at);
+    let bodies = [cuboid([0.0; 3], 30.0), cuboid([100.0, 0.0, 0.0], 2.0)];
+    stl(&at.join("crumb.stl"), &bodies.concat());
+    let arguments = [
+        "crumb.stl",
+        "--nodes",
+        "343",
+        "--out",
+        "a.msh",
+        "--scale",
+        "0.001",
+    ];
+    let ran = fill(at, &arguments);
+    assert_eq!(ran.code, 1, "{}", ran.stderr);
+    let text = unwrapped(&ran);
+    for words in [
+        "body 2 of 2 (0.002000 x 0.002000 x 0.002000 m, its middle at [0.101000, 0.001000, 0.001000] m, with face 12)",
+        "it says: Error : overlapping facets",
+        "ask for more nodes",
+        "Remove Isolated Pieces",
+    ] {
+        assert!(text.contains(words), "no {words} in {text}");
+    }
+    assert!(!at.join("a.msh").exists());
+}
+
 #[test]
 fn failures_of_gmsh_are_told_with_its_words() {
     let failing = folder(

@@ -236,6 +236,38 @@ fn a_session_says_what_the_board_has_time_for_and_sends_no_more() {
     assert!(said.contains(words), "{said}");
 }
 
+/// Counts for a millimetre are warned of at their line of the device's file.
+#[test]
+fn a_coarse_encoder_is_warned_of_in_the_devices_file() {
+    let folder = tempfile::tempdir().expect("a directory");
+    let read = |path: &str| std::fs::read_to_string(root().join(path)).expect("it ships");
+    let device = read("devices/cartesian-bench.toml");
+    let coarse = device.replacen("counts_per_m = 81487.0", "counts_per_m = 81.487", 1);
+    let line = coarse.lines().position(|line| line.contains("81.487"));
+    std::fs::write(folder.path().join("coarse.toml"), &coarse).expect("writable");
+    let scene = read("scenes/palpation.toml");
+    let scene = scene.replace("\"cartesian-bench\"", "\"coarse.toml\"");
+    std::fs::write(folder.path().join("scene.toml"), scene).expect("writable");
+    let words = ["scene", "check", "scene.toml", "--format", "json"];
+    let ran = sutura_in(folder.path(), &words);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let warnings = &json(&ran)["warnings"];
+    assert_eq!(warnings.as_array().map(Vec::len), Some(1), "{warnings}");
+    let [message, help] = ["message", "help"].map(|key| warnings[0][key].as_str().expect("text"));
+    assert!(
+        message.contains("counts_per_m = 81.487: a step of 12.3 mm"),
+        "{message}"
+    );
+    assert!(help.contains("times 1000 it is 12.3 um"), "{help}");
+    assert_eq!(
+        warnings[0]["line"].as_u64(),
+        line.map(|line| line as u64 + 1)
+    );
+    let file = warnings[0]["file"].as_str().expect("text");
+    assert!(file.ends_with("coarse.toml"), "{file}");
+    assert!(ran.stderr.contains("coarse.toml:"), "{}", ran.stderr);
+}
+
 /// The held punch presses on the tissue all the time that the console's sphere goes about; both share the
 /// step's rows.
 #[test]

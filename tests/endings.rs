@@ -7,16 +7,17 @@ use crate::support::{root, sutura, sutura_in};
 use serde_json::{Map, Value};
 use std::ops::ControlFlow;
 use std::path::Path;
+use std::time::Duration;
 use sutura_hil::{NativeConsole, VirtualConsole};
 use sutura_host::link::{LinkError, LockstepConsole, Order};
 use sutura_host::scene::BUILT_IN_DEVICES;
 use sutura_host::session::{
-    EndingKind, Line, Plan, Progress, Solve, Solved, Steer, Steered, Stop, Summary, run_lockstep,
-    run_real_time, run_steered,
+    Arms, Attendant, EndingKind, Instruction, Line, Plan, Progress, Solve, Solved, Steer, Steered,
+    Stop, Summary, run_lockstep, run_real_time, run_steered,
 };
 use sutura_host::step::{Status, ToolContact};
 use sutura_shared::wire::Valid;
-use sutura_shared::wire::message::{Command, State};
+use sutura_shared::wire::message::{Command, Mode, State};
 use sutura_testkit::{Random, full};
 
 /// Slew of a joint, so slow that the press is over before its force is there \[N/s\].
@@ -605,23 +606,136 @@ fn over_a_port_states_tell_of_the_largest_force_alone() {
     }
 }
 
-/// Stops the console at a tick, and arms it again at another.
-struct Stopper {
-    stop: u64,
-    arm: Option<u64>,
+/// Says instructions at ticks, and counts the ticks before which the console was armed.
+struct Scripted<'a> {
+    script: &'a [(u64, &'a [Instruction])],
+    begins_at_rest: bool,
+    armed_ticks: u64,
+}
+
+impl Steer for Scripted<'_> {
+    fn begins_at_rest(&mut self) -> bool {
+        self.begins_at_rest
+    }
+
+    fn steer(&mut self, now: &Steered<'_>, instructions: &mut Vec<Instruction>) -> ControlFlow<()> {
+        self.armed_ticks += u64::from(now.state.mode == Mode::Armed);
+        let rounds = self.script.iter().filter(|(tick, _)| *tick == now.ticks);
+        instructions.extend(rounds.flat_map(|(_, round)| round.iter().cloned()));
+        ControlFlow::Continue(())
+    }
+}
+
+const ARM: Instruction = Instruction::Order(Order::Command(Command::Arm));
+const DISARM: Instruction = Instruction::Order(Order::Command(Command::Disarm));
+
+fn stop_by(person: &str) -> Instruction {
+    Instruction::Stop(Stop::Safe, person.to_owned())
+}
+
+/// Runs a session with a script; the summary, and the ticks before which the console was armed.
+fn scripted(begins_at_rest: bool, script: &[(u64, &[Instruction])]) -> (Summary, u64) {
+    let mut console = NativeConsole::new(&device()).unwrap();
+    let mut steer = Scripted {
+        script,
+        begins_at_rest,
+        armed_ticks: 0,
+    };
+    let go_on = |_: &Progress<'_>| ControlFlow::Continue(());
+    let ran = run_steered(&mut console, &plan(1.2), &mut Plane, go_on, &mut steer).unwrap();
+    (ran, steer.armed_ticks)
+}
+
+/// Persons who asked for safe stops, and when \[s\].
+fn stops(summary: &Summary) -> Vec<(&str, f64)> {
+    let each = summary.safe_stops.iter();
+    each.map(|stop| (stop.by.as_str(), stop.at_s)).collect()
+}
+
+/// A console that a person stopped did not let go, and who it was is in the summary, also where it was armed again.
+#[test]
+fn a_safe_stop_is_in_the_summary_with_its_person() {
+    let stop = [stop_by("page 7"), DISARM];
+    let (rests, _) = scripted(false, &[(500, &stop)]);
+    assert_eq!(rests.status, "stopped: safe stop by page 7 at 0.50 s");
+    assert_eq!(rests.mode, "idle");
+    let (armed, _) = scripted(false, &[(500, &stop), (700, &[ARM])]);
+    assert_eq!(
+        (armed.status.as_str(), armed.mode.as_str()),
+        ("ok", "armed")
+    );
+    for summary in [rests, armed] {
+        assert_eq!(stops(&summary), [("page 7", 0.5)]);
+    }
+}
+
+/// Of safe stops and orders to arm before one tick the last one counts, for the console and for the words alike.
+#[test]
+fn a_safe_stop_and_arming_before_one_tick_count_in_their_order() {
+    let [first, second] = ["page 7", "page 8"].map(stop_by);
+    let ended = |script: &[(u64, &[Instruction])]| {
+        let (summary, _) = scripted(false, script);
+        let by: Vec<String> = stops(&summary).iter().map(|(by, _)| (*by).into()).collect();
+        (summary.status, summary.mode, by.join(", "))
+    };
+    let said = |status: &str, mode: &str, by: &str| (status.into(), mode.into(), by.into());
+    let stop = [first.clone(), DISARM];
+    assert_eq!(
+        ended(&[(500, &[ARM, first.clone(), DISARM])]),
+        said("stopped: safe stop by page 7 at 0.50 s", "idle", "page 7")
+    );
+    assert_eq!(
+        ended(&[(500, &[first.clone(), DISARM, ARM])]),
+        said("ok", "armed", "page 7")
+    );
+    assert_eq!(
+        ended(&[(500, &[first, DISARM, ARM, second.clone(), DISARM])]),
+        said(
+            "stopped: safe stop by page 8 at 0.50 s",
+            "idle",
+            "page 7, page 8"
+        )
+    );
+    // At rest nothing has shown the console armed when it is stopped anew.
+    assert_eq!(
+        ended(&[(500, &stop), (700, &[ARM, second, DISARM])]),
+        said(
+            "stopped: safe stop by page 8 at 0.70 s",
+            "idle",
+            "page 7, page 8"
+        )
+    );
+}
+
+/// A session that begins at rest is armed in no tick, and says who stopped it, until somebody arms it.
+#[test]
+fn a_session_begins_at_rest_after_a_safe_stop() {
+    let stop = [stop_by("page 7"), DISARM];
+    let (rests, armed_ticks) = scripted(true, &[(1, &stop)]);
+    assert_eq!(rests.status, "stopped: safe stop by page 7 at 0.00 s");
+    assert_eq!((rests.mode.as_str(), armed_ticks), ("idle", 0));
+    assert_eq!(rests.force_n.peak, 0.0);
+    assert_eq!(stops(&rests), [("page 7", 0.001)]);
+    let (armed, armed_ticks) = scripted(true, &[(1, &stop), (300, &[ARM])]);
+    assert_eq!(
+        (armed.status.as_str(), armed.mode.as_str()),
+        ("ok", "armed")
+    );
+    assert!((890..900).contains(&armed_ticks), "{armed_ticks}");
+}
+
+/// Stops the console before it is known to be armed.
+struct Early {
     is_told: bool,
 }
 
-impl Steer for Stopper {
-    fn steer(&mut self, now: &Steered<'_>, orders: &mut Vec<Order>) -> ControlFlow<()> {
-        if now.ticks == self.stop {
-            orders.push(Order::Command(Command::Disarm));
-            self.is_told = false;
-        }
-        if Some(now.ticks) == self.arm {
-            orders.push(Order::Command(Command::Arm));
-        }
-        ControlFlow::Continue(())
+impl Attendant for Early {
+    fn lost(&mut self, _: &LinkError) {}
+
+    fn back(&mut self) {}
+
+    fn arms(&mut self) -> Arms {
+        Arms::No
     }
 
     fn stops(&mut self) -> Vec<(Stop, String)> {
@@ -630,34 +744,33 @@ impl Steer for Stopper {
             false => vec![(Stop::Safe, "page 7".to_owned())],
         }
     }
+
+    fn wait(&mut self, most: Duration) -> Option<Order> {
+        if self.is_told {
+            std::thread::sleep(most);
+            return None;
+        }
+        Some(Order::Command(Command::Disarm))
+    }
 }
 
-/// A console that a person stopped did not let go, and who it was is in the summary, also where it was armed again.
+/// In real time a safe stop holds a console that is about to be armed, and the session goes on at rest.
 #[test]
-fn a_safe_stop_is_in_the_summary_with_its_person() {
-    let stopped = |arm: Option<u64>| {
-        let mut console = NativeConsole::new(&device()).unwrap();
-        let mut steer = Stopper {
-            stop: 500,
-            arm,
-            is_told: true,
-        };
-        let go_on = |_: &Progress<'_>| ControlFlow::Continue(());
-        run_steered(&mut console, &plan(1.2), &mut Plane, go_on, &mut steer).unwrap()
+fn a_safe_stop_before_the_console_is_armed_holds_it() {
+    let mut console = VirtualConsole::start_in_memory(&device()).unwrap();
+    let line = Line::Once {
+        port: console.host_port().unwrap(),
+        attendant: Some(Box::new(Early { is_told: false })),
+        limits: None,
     };
-    let rests = stopped(None);
-    assert_eq!(rests.status, "stopped: safe stop by page 7 at 0.50 s");
-    assert_eq!(rests.mode, "idle");
-    let armed = stopped(Some(700));
-    assert_eq!(
-        (armed.status.as_str(), armed.mode.as_str()),
-        ("ok", "armed")
+    let go_on = |_: &Progress<'_>| ControlFlow::Continue(());
+    let ran = run_real_time(line, patient(), &plan(0.5), &mut Plane, go_on).unwrap();
+    assert!(
+        ran.status.starts_with("stopped: safe stop by page 7 at "),
+        "{}",
+        ran.status
     );
-    for summary in [rests, armed] {
-        let stops: Vec<_> = summary.safe_stops.iter().collect();
-        assert_eq!(stops.len(), 1);
-        assert_eq!((stops[0].by.as_str(), stops[0].at_s), ("page 7", 0.5));
-    }
+    assert_eq!((ran.mode.as_str(), ran.safe_stops.len()), ("idle", 1));
 }
 
 /// `sutura schema run` and the help say what a status may be.

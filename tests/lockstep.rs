@@ -7,9 +7,10 @@ use crate::support::sutura;
 use serde_json::Value;
 use std::ops::ControlFlow;
 use sutura_hil::NativeConsole;
-use sutura_host::link::{LinkError, Order};
+use sutura_host::link::LinkError;
 use sutura_host::session::{
-    Progress, Rendering, SessionError, Steer, Steered, Tuning, run_lockstep, run_steered,
+    Instruction, Progress, Rendering, SessionError, Steer, Steered, Tuning, run_lockstep,
+    run_steered,
 };
 use sutura_shared::link::Mismatch;
 use sutura_shared::wire::Reject;
@@ -95,7 +96,7 @@ struct Tuner {
 }
 
 impl Steer for Tuner {
-    fn steer(&mut self, now: &Steered<'_>, _: &mut Vec<Order>) -> ControlFlow<()> {
+    fn steer(&mut self, now: &Steered<'_>, _: &mut Vec<Instruction>) -> ControlFlow<()> {
         let place = (now.ticks / TUNED_EVERY) as usize;
         let into = now.ticks % TUNED_EVERY;
         // The first half second is the way down, and a quarter more until it rests.

@@ -790,6 +790,123 @@ fn a_safe_stop_goes_before_a_scene_that_is_made() {
     assert_eq!(running.stop().0, 0);
 }
 
+/// Of a safe stop and an order to arm the later one counts, in figures, in events and in the words at the end, also where both
+/// come before one tick.
+#[test]
+fn a_safe_stop_and_arming_count_in_their_order() {
+    let running = Running::start(&["view", "scenes/palpation.toml", "--view-port", "0"]);
+    let mut client = running.client();
+    client.event("armed");
+    let say = |client: &mut Client, commands: &[&str]| {
+        for (place, command) in commands.iter().enumerate() {
+            client.say(&json!({"id": 1000 + place, "do": command}));
+        }
+        let last = 999 + commands.len();
+        client.text(|value| value["re"] == last);
+        let from = client.text(|value| value["kind"] == "gauges")["tick"].as_u64();
+        // What came before the last order was obeyed is not asked for.
+        client.text(|value| {
+            value["kind"] == "gauges" && value["tick"].as_u64() > from.map(|tick| tick + 50)
+        })
+    };
+    let gauges = say(&mut client, &["safe_stop", "arm"]);
+    assert_eq!(
+        (&gauges["mode"], &gauges["stopped_by"]),
+        (&json!("armed"), &Value::Null)
+    );
+    let gauges = say(&mut client, &["arm", "safe_stop"]);
+    assert_eq!(
+        (&gauges["mode"], &gauges["stopped_by"]),
+        (&json!("idle"), &json!("the page that controls"))
+    );
+    client.say(&json!({"id": 2000, "do": "reset"}));
+    let ended = loop {
+        let line = running.line();
+        if line.contains("the session ended as") {
+            break line;
+        }
+    };
+    assert!(ended.contains("stopped: safe stop by page "), "{ended}");
+    assert_eq!(running.stop().0, 0);
+}
+
+/// A safe stop while another session is made, for whatever reason, holds that one, too: it begins at rest, says who stopped it,
+/// and is armed by nobody but a person.
+#[test]
+fn a_safe_stop_holds_the_session_that_is_made() {
+    let folder = tempdir().unwrap();
+    let file = folder.path().join("held.mcap");
+    let running = Running::start(&[
+        "view",
+        "scenes/palpation.toml",
+        "--view-port",
+        "0",
+        "--record",
+        file.to_str().unwrap(),
+    ]);
+    let mut client = running.client();
+    let mut session = client.hello()["session"].as_u64().unwrap();
+    client.event("armed");
+    client.does(json!({"do": "record", "on": false}));
+    for mut command in [
+        json!({"do": "reset"}),
+        json!({"do": "tissue", "name": "corotational"}),
+        json!({"do": "record", "on": true}),
+        json!({"do": "scene", "name": "drag"}),
+    ] {
+        command["id"] = json!(1000);
+        client.say(&command);
+        client.say(&json!({"id": 1001, "do": "safe_stop"}));
+        session += 1;
+        let is_new = |value: &Value| value["session"].as_u64() == Some(session);
+        client.text(|value| value["kind"] == "hello" && is_new(value));
+        // Its first event; and it is seen though nothing is solved.
+        let (mut event, mut is_seen) = (Value::Null, false);
+        client.until(|message| {
+            match message {
+                Message::Binary(bytes) => is_seen |= bytes[0] == 2,
+                Message::Text(text) if event.is_null() => {
+                    let value: Value = serde_json::from_str(text).unwrap();
+                    if value["kind"] == "event" && is_new(&value) {
+                        event = value;
+                    }
+                }
+                _ => {}
+            }
+            (is_seen && !event.is_null()).then_some(())
+        });
+        let words = "safe stop, asked for by the page that controls";
+        assert_eq!(
+            (&event["what"], &event["text"]),
+            (&json!("disarmed"), &json!(words)),
+            "{command}"
+        );
+        let tick = |value: &Value| value["tick"].as_u64().unwrap();
+        let from = client.text(|value| value["kind"] == "gauges" && is_new(value));
+        let later = client.text(|value| {
+            assert_ne!(value["what"], "armed", "{command}: {value}");
+            value["kind"] == "gauges" && tick(value) > tick(&from) + 500
+        });
+        assert_eq!(
+            (&later["mode"], &later["stopped_by"], &later["solves"]),
+            (&json!("idle"), &json!("the page that controls"), &json!(0)),
+            "{command}"
+        );
+        client.does(json!({"do": "arm"}));
+        assert_eq!(client.event("armed")["session"].as_u64(), Some(session));
+        let armed = client.text(|value| value["kind"] == "gauges" && value["mode"] == "armed");
+        assert!(armed["stopped_by"].is_null(), "{armed}");
+    }
+    // Who arms after it arms the next one, too.
+    client.say(&json!({"id": 1000, "do": "reset"}));
+    client.say(&json!({"id": 1001, "do": "safe_stop"}));
+    client.say(&json!({"id": 1002, "do": "arm"}));
+    let event = client
+        .text(|value| value["kind"] == "event" && value["session"].as_u64() == Some(session + 1));
+    assert_eq!(event["what"], "armed");
+    assert_eq!(running.stop().0, 0);
+}
+
 /// A scene that takes long to make, or cannot be made at all, keeps nobody from the next.
 #[cfg(unix)]
 #[test]

@@ -3,6 +3,7 @@
 //! Entry points: [`Wound::new`] before the first step, [`Wound::report`] at any time after it. Allocates and takes
 //! steps of its own: for reports, not for the loop.
 
+use crate::boxes::Bounds;
 use crate::collide::{gaps_m, penetration_m};
 use crate::fem::von_mises_pa;
 use crate::model::Model;
@@ -12,6 +13,7 @@ use crate::thread::{Bridge, HandReport, ThreadReport, ThreadTension};
 use nalgebra::Vector3;
 use schemars::JsonSchema;
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::fmt;
 
 /// Part of the spans' length in the unloaded mesh by which punctures are drawn together at a time, for comparison: a tenth of an
@@ -29,10 +31,19 @@ const MOST_WAITS: u32 = 64;
 #[derive(Clone, Debug)]
 pub struct Wound {
     contacts: Vec<TissueContact>,
+    bodies: Bodies,
     threads: Vec<u8>,
     mean_edge_m: f64,
     /// Mean over all nodes of rims \[m\].
     gap_m: Option<f64>,
+}
+
+/// Boundaries of bodies that may touch, and the pairs of them.
+#[derive(Clone, Debug, Default)]
+struct Bodies {
+    /// Boundary triangles of each, (f x 3).
+    faces: Vec<Vec<[u32; 3]>>,
+    pairs: Vec<[usize; 2]>,
 }
 
 /// Deepest interpenetration of touching parts that contact may leave [mean edges of the boundary]. Rims that a thread draws together on a
@@ -202,6 +213,7 @@ impl Wound {
         Some(Self {
             gap_m: rim_gap_m(&scene.touching, &places),
             contacts: scene.touching.clone(),
+            bodies: Bodies::of(scene),
             threads: scene.threads.iter().map(|thread| thread.part.id).collect(),
             mean_edge_m: model.surface().mean_edge_m,
         })
@@ -217,11 +229,10 @@ impl Wound {
         Overlap::of(self.penetration_ratio(&at)?)
     }
 
-    /// Deepest interpenetration of two parts over the mean edge, with nodes `at` (n x 3) \[m\].
+    /// Deepest interpenetration of two bodies over the mean edge, with nodes `at` (n x 3) \[m\].
     fn penetration_ratio(&self, at: &[Vector3<f64>]) -> Option<f64> {
-        let apart = self.contacts.iter().filter(|pair| !pair.is_within_one());
-        let depths_m = apart.map(|pair| penetration_m([&pair.faces[0], &pair.faces[1]], at));
-        depths_m.reduce(f64::max).map(|m| m / self.mean_edge_m)
+        let depth_m = self.bodies.penetration_m(at)?;
+        Some(depth_m / self.mean_edge_m)
     }
 
     /// What a step has left.
@@ -318,6 +329,52 @@ fn balance(model: &Model, state: &mut State, work: &mut Workspace) -> Status {
 fn places(model: &Model, state: &State) -> Vec<Vector3<f64>> {
     let places = state.positions(model);
     places.into_iter().map(Vector3::from).collect()
+}
+
+impl Bodies {
+    /// Collects the two parts of each contact, and the bodies of a part that may touch itself.
+    fn of(scene: &Scene) -> Self {
+        let (body_of, _) = scene.mesh.half_faces().bodies();
+        let mut bodies = Self::default();
+        for pair in &scene.touching {
+            let first = bodies.faces.len();
+            if pair.is_within_one() {
+                let mut own: BTreeMap<u32, Vec<[u32; 3]>> = BTreeMap::new();
+                for face in &pair.faces[0] {
+                    own.entry(body_of[face[0] as usize])
+                        .or_default()
+                        .push(*face);
+                }
+                bodies.faces.extend(own.into_values());
+            } else {
+                bodies.faces.extend(pair.faces.clone());
+            }
+            let own = first..bodies.faces.len();
+            let pairs = own.clone().flat_map(|one| {
+                let others = one + 1..own.end;
+                others.map(move |other| [one, other])
+            });
+            bodies.pairs.extend(pairs);
+        }
+        bodies
+    }
+
+    /// Deepest interpenetration of a pair with nodes `at` (n x 3) \[m\]; none without pairs.
+    fn penetration_m(&self, at: &[Vector3<f64>]) -> Option<f64> {
+        let around = |faces: &Vec<[u32; 3]>| {
+            let nodes = faces.iter().flatten();
+            nodes.fold(Bounds::NOTHING, |all, node| all.with(&at[*node as usize]))
+        };
+        let bounds: Vec<_> = self.faces.iter().map(around).collect();
+        let depths_m =
+            self.pairs
+                .iter()
+                .map(|&[one, other]| match bounds[one].meets(&bounds[other]) {
+                    true => penetration_m([&self.faces[one], &self.faces[other]], at),
+                    false => 0.0,
+                });
+        depths_m.reduce(f64::max)
+    }
 }
 
 /// Mean distance of the rims' nodes to the other part \[m\]; `None` without rims.

@@ -1,6 +1,7 @@
 //! `sutura mesh`: what a mesh file is like, the same mesh in another format, and one inside a closed surface.
 
 mod fill;
+mod overlap;
 
 pub use fill::Filled;
 

@@ -116,6 +116,12 @@ impl Offer {
         })
     }
 
+    /// Offers the solver's state before its first solve.
+    pub fn offer_first(&self) {
+        let mut slot = self.slot.lock().unwrap_or_else(PoisonError::into_inner);
+        slot.is_fresh = true;
+    }
+
     /// From now on there is a snapshot every so much console time \[us\]; 0: nobody watches.
     pub fn want(&self, period_us: u64) {
         self.period_us.store(period_us, Ordering::Relaxed);

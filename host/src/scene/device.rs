@@ -3,7 +3,8 @@
 //! Entry points: [`find_device`] (by name or path, as a scene says it) and [`read_device`].
 //! What the numbers mean to the control loop: [`sutura_shared::device`].
 
-use super::document::{Document, SceneError, nearest};
+use super::document::{Document, Flaw, SceneError, nearest};
+use super::units::of_encoders;
 use std::ops::Range;
 use std::path::Path;
 use sutura_scene_file::device::{DeviceFile, PrismaticSection, RevoluteSection};
@@ -43,6 +44,22 @@ pub const BUILT_IN: [(&str, &str); 2] = [
 /// # Errors
 /// A flaw at `value` for a name nobody knows, or whatever is wrong in the device's own file.
 pub fn find_device(scene: &Document, value: &Spanned<String>) -> Result<Device, SceneError> {
+    read_device(&device_document(scene, value)?)
+}
+
+/// The same, with warnings at the keys of the device's own file.
+///
+/// # Errors
+/// As [`find_device`].
+pub(super) fn find_device_warned(
+    scene: &Document,
+    value: &Spanned<String>,
+) -> Result<(Device, Vec<Flaw>), SceneError> {
+    read_warned(&device_document(scene, value)?)
+}
+
+/// The file of the device that a scene names.
+fn device_document(scene: &Document, value: &Spanned<String>) -> Result<Document, SceneError> {
     let name = value.get_ref();
     if name.ends_with(".toml") {
         let path = scene.resolve(name);
@@ -51,21 +68,18 @@ pub fn find_device(scene: &Document, value: &Spanned<String>) -> Result<Device, 
             let help = "paths are relative to the scene file; a name without `.toml` is looked up in devices/";
             return Err(scene.flaw(value.span(), message, "no such file", Some(help)));
         }
-        return read_device(&scene.open(&path)?);
+        return scene.open(&path);
     }
     let plain = !name.is_empty() && !name.contains(['/', '\\']);
     for folder in ["devices", "../devices"] {
         let path = scene.resolve(folder).join(format!("{name}.toml"));
         if plain && scene.has_file(&path) {
-            return read_device(&scene.open(&path)?);
+            return scene.open(&path);
         }
     }
     if let Some((_, text)) = BUILT_IN.iter().find(|(known, _)| known == name) {
-        return read_device(&Document::embedded(
-            &format!("{name}.toml"),
-            Path::new(""),
-            text,
-        ));
+        let file = format!("{name}.toml");
+        return Ok(Document::embedded(&file, Path::new(""), text));
     }
     let known = BUILT_IN.map(|(known, _)| known);
     let all = known.map(|k| format!("`{k}`")).join(", ");
@@ -93,6 +107,11 @@ pub fn built_in_device() -> Result<Device, SceneError> {
 /// # Errors
 /// A flaw at the key or the number that is wrong.
 pub fn read_device(document: &Document) -> Result<Device, SceneError> {
+    Ok(read_warned(document)?.0)
+}
+
+/// Reads a device file; warnings are of values that are hardly meant.
+fn read_warned(document: &Document) -> Result<(Device, Vec<Flaw>), SceneError> {
     let file = DeviceFile::read(document.text()).map_err(|error| document.unread(&error))?;
     let c = Check(document);
     let name = read_name(document, &file.name)?;
@@ -157,11 +176,12 @@ pub fn read_device(document: &Document) -> Result<Device, SceneError> {
     description
         .validate()
         .map_err(|error| unusable(document, &file, error))?;
-    Ok(Device {
+    let device = Device {
         description,
         board_rows_hz,
         travel,
-    })
+    };
+    Ok((device, of_encoders(document, &file)))
 }
 
 /// The name, padded with zeros as it travels.
@@ -569,6 +589,51 @@ mod tests {
             refused > 50 && taken > 50,
             "{refused} refused, {taken} taken"
         );
+    }
+
+    /// Counts for a millimetre or a degree are warned of at their key, with what they were meant to be; shipped devices are not.
+    #[test]
+    fn encoders_in_another_unit_are_warned_of() {
+        let warned = |text: &str| {
+            let document = Document::embedded("device.toml", Path::new(""), text);
+            let (_, warned) = read_warned(&document).expect("good");
+            let said = warned.iter().map(|flaw| {
+                let place = flaw.span();
+                let under = &text[place.offset()..place.offset() + place.len()];
+                let help = flaw.help().map(|help| help.to_string());
+                (under.to_owned(), flaw.to_string(), help.unwrap_or_default())
+            });
+            said.collect::<Vec<_>>()
+        };
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../devices");
+        for entry in std::fs::read_dir(folder).expect("there") {
+            let text = std::fs::read_to_string(entry.expect("readable").path()).expect("text");
+            assert!(warned(&text).is_empty(), "{:?}", warned(&text));
+        }
+        let bench = built_in("cartesian-bench");
+        let said = warned(&bench.replacen("= 81487.0", "= -81.487", 1));
+        let expected = (
+            "-81.487".to_owned(),
+            "joint 0: counts_per_m = -81.487: a step of 12.3 mm, larger than 100.0 um".to_owned(),
+            "counts per metre are asked for: times 1000 it is 12.3 um".to_owned(),
+        );
+        assert_eq!(said, [expected]);
+        assert_eq!(warned(&bench.replace("= 81487.0", "= 81.487")).len(), 3);
+        // Just the largest, and so coarse that no unit helps.
+        assert!(warned(&bench.replace("= 81487.0", "= 10000.0")).is_empty());
+        let said = warned(&bench.replacen("= 81487.0", "= 8.15", 1));
+        assert_eq!(said[0].2, "counts per metre are asked for");
+        // By the arm's length: 0.44 m at the shoulder, 0.22 m at the elbow.
+        let arm = built_in("serial-arm");
+        let said = warned(&arm.replace("= 12732.0", "= 222.2"));
+        let [yaw, _, elbow] = said.as_slice() else {
+            panic!("{said:?}")
+        };
+        assert!(yaw.1.contains("a step of 2.0 mm"), "{yaw:?}");
+        assert!(elbow.1.contains("a step of 990.1 um"), "{elbow:?}");
+        let help = "counts per radian are asked for: times 57.3 it is 17.3 um";
+        assert_eq!(elbow.2, help);
+        assert_eq!(warned(&arm.replace("= 12732.0", "= 3000.0")).len(), 2);
     }
 
     #[test]

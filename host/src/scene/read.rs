@@ -4,7 +4,7 @@
 
 use super::added;
 use super::bodies::{idle_pairs, read_body_contacts};
-use super::device::find_device;
+use super::device::find_device_warned;
 use super::document::{Document, Flaw, SceneError};
 use super::gravity::{read_densities, read_gravity, read_settle, weigh_needles};
 use super::hand::{beyond_device, hand_script};
@@ -74,7 +74,11 @@ impl Scene {
             ));
         }
         let device = match &file.device {
-            Some(name) => Some(find_device(document, name)?),
+            Some(name) => {
+                let (device, warned) = find_device_warned(document, name)?;
+                warnings.extend(warned);
+                Some(device)
+            }
             None => None,
         };
         let hand = match (&file.hand, &device) {

@@ -1,6 +1,6 @@
 //! Sizes, stiffnesses and places that suggest another unit than the one that a key asks for.
 //!
-//! Entry points: [`unlikely_size`], [`of_mesh`], [`of_tools`], [`of_lengths`], [`of_places`], [`of_ways`], [`of_loads`], [`of_stiffness`], [`of_softness`].
+//! Entry points: [`unlikely_size`], [`of_mesh`], [`of_tools`], [`of_lengths`], [`of_places`], [`of_ways`], [`of_loads`], [`of_stiffness`], [`of_softness`], [`of_encoders`].
 //! Millimetres for metres are off by 1000, and so are kPa for Pa: that is what a hint proposes, where it helps.
 
 use super::Tool;
@@ -12,6 +12,7 @@ use crate::mesh::{TetMesh, mean_ratio};
 use crate::tool::Shape;
 use nalgebra::Vector3;
 use std::ops::Range;
+use sutura_scene_file::device::DeviceFile;
 use sutura_scene_file::scene::{MeshSection, SceneFile, ToolSection};
 use sutura_shared::wire::message::HandScript;
 use sutura_shared::wire::validate::{MAX_TANGENT, MAX_WRENCH};
@@ -419,6 +420,73 @@ pub(super) fn of_ways(document: &Document, file: &SceneFile) -> Vec<Flaw> {
     });
     fast.collect()
 }
+
+/// Largest step of an encoder at the grip \[m\]: coarser ones are felt as jumps of force, and are hardly meant.
+const COARSEST_M: f64 = 1e-4;
+
+/// A warning for each encoder of a device file whose step moves the grip by more than [`COARSEST_M`]. The step of a turning joint is that
+/// of the stretched arm.
+pub(super) fn of_encoders(document: &Document, file: &DeviceFile) -> Vec<Flaw> {
+    let mut warned = Vec::new();
+    let mut look = |joint: usize, key: &Encoder, said: &Spanned<f64>, lever_m: f64| {
+        let step_m = lever_m / said.get_ref().abs();
+        let is_likely = |step_m: f64| step_m <= COARSEST_M * (1.0 + 1e-9);
+        if is_likely(step_m) {
+            return;
+        }
+        let message = format!(
+            "joint {joint}: {} = {}: a step of {}, larger than {}",
+            key.name,
+            said.get_ref(),
+            length(step_m),
+            length(COARSEST_M)
+        );
+        let help = match is_likely(step_m / key.factor) {
+            true => format!(
+                "{} are asked for: times {} it is {}",
+                key.unit,
+                key.factor,
+                length(step_m / key.factor)
+            ),
+            false => format!("{} are asked for", key.unit),
+        };
+        warned.push(document.warning(said.span(), &message, "a coarse encoder", &help));
+    };
+    if let Some(section) = file.cartesian.as_ref().map(Spanned::get_ref) {
+        for (joint, stage) in section.joint.get_ref().iter().enumerate() {
+            look(joint, &PER_METRE, &stage.counts_per_m, 1.0);
+        }
+    }
+    if let Some(section) = file.serial_arm.as_ref().map(Spanned::get_ref) {
+        let [upper_m, fore_m] = [&section.upper_m, &section.fore_m].map(|said| *said.get_ref());
+        let levers_m = [upper_m + fore_m, upper_m + fore_m, fore_m];
+        let joints = section.joint.get_ref().iter().zip(levers_m).enumerate();
+        for (joint, (turning, lever_m)) in joints {
+            look(joint, &PER_RADIAN, &turning.counts_per_rad, lever_m);
+        }
+    }
+    warned
+}
+
+/// The key of an encoder, its unit, and the factor from the unit that it is most easily mistaken for.
+struct Encoder {
+    name: &'static str,
+    unit: &'static str,
+    factor: f64,
+}
+
+const PER_METRE: Encoder = Encoder {
+    name: "counts_per_m",
+    unit: "counts per metre",
+    factor: 1000.0,
+};
+
+const PER_RADIAN: Encoder = Encoder {
+    name: "counts_per_rad",
+    unit: "counts per radian",
+    // Degrees in a radian, to a tenth.
+    factor: 57.3,
+};
 
 /// A warning of a load that stretches tissue to more than twice its size: of force F, modulus E and size L, F / (E L^2) > 1.
 pub(super) fn of_loads(document: &Document, file: &SceneFile, mesh: &TetMesh) -> Vec<Flaw> {

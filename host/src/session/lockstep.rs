@@ -135,16 +135,32 @@ struct Heard {
     state: Option<Valid<State>>,
 }
 
+/// Instruction before a tick. Of one list each counts in its place.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Instruction {
+    /// Order to the console.
+    Order(Order),
+    /// Request for rest, with the name of the person.
+    Stop(Stop, String),
+}
+
+impl From<Order> for Instruction {
+    fn from(order: Order) -> Self {
+        Self::Order(order)
+    }
+}
+
 /// What steers a session between its ticks.
 pub trait Steer {
-    /// Before each tick once the console has been armed: what it is told with that tick is added to `orders`. May wait, as time
-    /// stands still meanwhile; may end the session.
-    fn steer(&mut self, now: &Steered<'_>, orders: &mut Vec<Order>) -> ControlFlow<()>;
-
-    /// Requests for rest since the last call, with the names of the persons.
-    fn stops(&mut self) -> Vec<(Stop, String)> {
-        Vec::new()
+    /// Whether the session begins at rest. Asked once, before the console is armed. The first instructions then say who
+    /// stopped it, and the first [`Command::Arm`] among them arms it.
+    fn begins_at_rest(&mut self) -> bool {
+        false
     }
+
+    /// Before each tick from the session's first state on: adds `instructions` for that tick. May wait, as time stands still
+    /// meanwhile; may end the session.
+    fn steer(&mut self, now: &Steered<'_>, instructions: &mut Vec<Instruction>) -> ControlFlow<()>;
 
     /// What hands do with tools before the next solve.
     fn acts(&mut self) -> Vec<Act> {
@@ -174,7 +190,7 @@ pub struct Steered<'a> {
 struct Straight;
 
 impl Steer for Straight {
-    fn steer(&mut self, _: &Steered<'_>, _: &mut Vec<Order>) -> ControlFlow<()> {
+    fn steer(&mut self, _: &Steered<'_>, _: &mut Vec<Instruction>) -> ControlFlow<()> {
         ControlFlow::Continue(())
     }
 }
@@ -220,16 +236,21 @@ pub fn run_steered(
         bytes: (0, 0),
     };
     let hello = line.open(&mut tally)?;
+    let rests = steer.begins_at_rest();
     for order in plan.opening_orders(&hello)? {
-        line.order(&order)?;
+        // Noted even where it is withheld: a stop in the first instructions is the cause of the rest.
+        tally.order(&order);
+        if !(rests && order == Order::Command(Command::Arm)) {
+            line.order(&order)?;
+        }
     }
-    let mut arming = Some(ArmingWatch::new(&plan));
+    let mut arming = (!rests).then(|| ArmingWatch::new(&plan));
     let mut schedule: Option<Schedule> = None;
     let mut pending: Option<(u64, Felt)> = None;
     let mut underway = Underway::default();
     let mut counters = LinkCounters::default();
     let (mut silent, mut solves, mut last_tick) = (0, 0, None);
-    let mut orders = Vec::new();
+    let mut instructions = Vec::new();
     while tally.ticks() < plan.ticks() {
         if let Some(state) = tally.last() {
             let now = Steered {
@@ -238,15 +259,18 @@ pub fn run_steered(
                 state,
                 report: tally.last_report(),
             };
-            if steer.steer(&now, &mut orders).is_break() {
+            let ends = steer.steer(&now, &mut instructions).is_break();
+            for instruction in instructions.drain(..) {
+                match instruction {
+                    Instruction::Stop(stop, by) => tally.stop(stop, by),
+                    Instruction::Order(order) => {
+                        tally.order(&order);
+                        line.order(&order)?;
+                    }
+                }
+            }
+            if ends {
                 break;
-            }
-            for (stop, by) in steer.stops() {
-                tally.stop(stop, by);
-            }
-            for order in orders.drain(..) {
-                tally.order(&order);
-                line.order(&order)?;
             }
             for act in steer.acts() {
                 solver.act(act);
@@ -300,19 +324,24 @@ pub fn run_steered(
             last_tick = tick;
             line.unusable.counted(state.body().tick);
         }
-        if let Some(watch) = &mut arming {
-            match watch.judge(state.body())? {
-                Arming::Armed => {
-                    arming = None;
-                    let first = state.body().tick;
-                    schedule = Some(Schedule::new(first, plan.tick_hz, plan.host_hz));
-                }
-                Arming::Again => line.order(&Order::Command(Command::Arm))?,
-                Arming::NotYet => {}
+        if schedule.is_none() {
+            let begins = match &mut arming {
+                Some(watch) => match watch.judge(state.body())? {
+                    Arming::Armed => true,
+                    Arming::NotYet => false,
+                    Arming::Again => {
+                        line.order(&Order::Command(Command::Arm))?;
+                        false
+                    }
+                },
+                // An order to arm is obeyed from here on.
+                None => state.body().mode != Mode::Boot,
+            };
+            if !begins {
+                continue;
             }
-        }
-        if arming.is_some() {
-            continue;
+            let first = state.body().tick;
+            schedule = Some(Schedule::new(first, plan.tick_hz, plan.host_hz));
         }
         let first = tally.last().is_none();
         tally.state(state.body());

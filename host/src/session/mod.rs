@@ -47,7 +47,7 @@ pub use fault_words::{fault_names, fault_words};
 pub use heard::{Fate, Underway};
 pub use horizon::Horizon;
 pub use limited::{ConsoleLimits, LimitedTicks};
-pub use lockstep::{Steer, Steered, run_lockstep, run_steered};
+pub use lockstep::{Instruction, Steer, Steered, run_lockstep, run_steered};
 pub use look_budget::Looked;
 pub use machine_lateness::{LatenessProbe, MachineLate, MachineLateness};
 pub use needle_frame::{HeldNeedle, needle_frame};

@@ -139,8 +139,8 @@ impl From<Box<dyn Port>> for Line {
 /// What the link's listener writes down and everybody else reads.
 struct Log {
     tally: Statistics,
-    /// Whether the console has been armed in this session; what was before is not counted.
-    armed: bool,
+    /// Whether states count: from the first armed one on, or from a stop on that came before it.
+    counts: bool,
     /// Whether the console has gone to rest as it was told; what comes then is not counted.
     over: bool,
     /// What became of the contacts that were sent.
@@ -185,7 +185,7 @@ pub fn run_real_time(
     let log = Arc::new(Mutex::new(Log {
         tally: Statistics::of(plan),
         underway: Underway::default(),
-        armed: false,
+        counts: false,
         over: false,
         newest: None,
         reports: 0,
@@ -226,6 +226,7 @@ pub fn run_real_time(
         }
     };
     for order in plan.opening_orders(&link.console())? {
+        lock(&log).tally.order(&order);
         link.order(order)?;
     }
     let probe = LatenessProbe::start(options.real_time);
@@ -356,8 +357,8 @@ impl Log {
                 let console_time_us = state.console_time_us();
                 let state = state.body();
                 self.newest = Some((*state, Instant::now()));
-                self.armed |= matches!(state.mode, Mode::Armed | Mode::Decaying);
-                if self.armed && !self.over && self.tally.ticks() < self.ticks {
+                self.counts |= matches!(state.mode, Mode::Armed | Mode::Decaying);
+                if self.counts && !self.over && self.tally.ticks() < self.ticks {
                     self.tally.state(state);
                     let tally = &mut self.tally;
                     self.underway
@@ -397,7 +398,7 @@ impl Log {
     fn lose(&mut self) {
         self.tally.lose();
         self.underway.lose(|_, _| {});
-        self.armed = false;
+        self.counts = false;
         self.newest = None;
     }
 }
@@ -461,15 +462,15 @@ fn solve_until(
             warms = solved.warms;
             let felt = {
                 let mut log = lock(log);
-                let armed = log.armed;
+                let counts = log.counts;
                 let tally = &mut log.tally;
-                if armed {
+                if counts {
                     tally.step(&solved, solve_time);
                 }
                 tally.horizon.took(solve_time.as_micros() as u64);
                 let horizon_us = tally.horizon.next_us();
                 let felt = solved.frames(state.body(), horizon_us, plan.rendering);
-                match armed {
+                match counts {
                     true => {
                         let felt = tally.sendable(&solved, felt);
                         if let Some(felt) = &felt {
@@ -489,7 +490,7 @@ fn solve_until(
                 tracing::warn!("{words}");
             }
             let mut log = lock(log);
-            if log.armed {
+            if log.counts {
                 log.tally.session(time, time.saturating_sub(solve_time));
                 log.tally.give_up(overload.given_up());
             }
@@ -622,7 +623,14 @@ impl Watch<'_> {
                         lock(self.log).tally.stop(stop, by);
                     }
                     if let Some(order) = order {
-                        lock(self.log).tally.order(&order);
+                        let mut log = lock(self.log);
+                        log.tally.order(&order);
+                        // One that is not armed yet is not told to arm again.
+                        let disarms = order == Order::Command(Command::Disarm);
+                        if disarms && self.arming.take().is_some() {
+                            (log.counts, self.has_let_go) = (true, false);
+                        }
+                        drop(log);
                         self.link.order(order)?;
                     }
                     let acts = attendant.acts();

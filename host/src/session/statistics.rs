@@ -45,6 +45,8 @@ pub struct Statistics {
     safe_stops: Vec<SafeStop>,
     /// Why the console rests if that is because of a person.
     rests: Option<(Stop, SafeStop)>,
+    /// Whether the console was told to arm, and no state has shown it armed since.
+    arming: bool,
     /// Sum of squares \[N^2\].
     square_n2: f64,
     energy_j: f64,
@@ -158,6 +160,11 @@ fn norm(v: [f32; 3]) -> f64 {
     v.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>().sqrt()
 }
 
+/// Whether the console renders.
+fn renders(state: &State) -> bool {
+    matches!(state.mode, Mode::Armed | Mode::Decaying)
+}
+
 /// Stable word for a mode.
 pub fn mode_word(mode: Mode) -> &'static str {
     match mode {
@@ -185,6 +192,7 @@ impl Statistics {
             had_fixture: false,
             safe_stops: Vec::new(),
             rests: None,
+            arming: false,
             square_n2: 0.0,
             energy_j: 0.0,
             energy_min_j: 0.0,
@@ -247,7 +255,7 @@ impl Statistics {
         self.first = None;
         self.first_report = None;
         self.last_report = None;
-        self.gap = true;
+        (self.gap, self.arming) = (true, false);
     }
 
     /// Takes note of a state of the console.
@@ -275,6 +283,7 @@ impl Statistics {
         let decays = state.mode == Mode::Decaying;
         self.decaying_since = decays.then_some(self.decaying_since.unwrap_or(state.tick));
         self.gap = false;
+        self.arming &= !renders(state);
         self.first.get_or_insert(*state);
         self.last = Some(*state);
     }
@@ -338,7 +347,7 @@ impl Statistics {
     /// The console was armed again after it had let go.
     pub fn rearm(&mut self) {
         self.rearmed += 1;
-        self.rests = None;
+        self.order(&Order::Command(Command::Arm));
     }
 
     /// Takes note of a request of the person of that name while the session ran.
@@ -349,9 +358,8 @@ impl Statistics {
             self.safe_stops.push(asked.clone());
         }
         // One that let go before is not at rest because of this, nor because of a second one.
-        let renders = |state: &State| matches!(state.mode, Mode::Armed | Mode::Decaying);
         let is_cause = match &self.rests {
-            None => self.last.as_ref().is_some_and(renders),
+            None => self.arming || self.last.as_ref().is_some_and(renders),
             Some((Stop::TakeOut, _)) => stop == Stop::Safe,
             Some((Stop::Safe, _)) => false,
         };
@@ -363,7 +371,8 @@ impl Statistics {
     /// Takes note of an order that was given while the session ran.
     pub fn order(&mut self, order: &Order) {
         match order {
-            Order::Command(Command::Arm) => self.rests = None,
+            Order::Command(Command::Arm) => (self.rests, self.arming) = (None, true),
+            Order::Command(Command::Disarm) => self.arming = false,
             Order::Fixture(fixture) => self.had_fixture |= *fixture != Fixture::None,
             _ => {}
         }
@@ -1281,6 +1290,42 @@ mod tests {
                 .len(),
             1
         );
+    }
+
+    /// A stop after an order to arm counts before a state shows the console armed; not where the link was lost meanwhile.
+    #[test]
+    fn a_stop_counts_for_a_console_that_is_told_to_arm() {
+        let rests = |tick| State {
+            mode: Mode::Idle,
+            ..state(tick, 0.0, 0.0)
+        };
+        let stopped = |prepare: fn(&mut Statistics)| {
+            let mut tally = Statistics::new(200.0);
+            tally.state(&rests(1));
+            prepare(&mut tally);
+            tally.stop(Stop::Safe, "page 1".to_owned());
+            tally.stopped_by().is_some()
+        };
+        let [arm, disarm] = [Command::Arm, Command::Disarm].map(Order::Command);
+        assert!(stopped(|tally| tally.order(&Order::Command(Command::Arm))));
+        assert!(stopped(Statistics::rearm));
+        assert!(!stopped(|tally| {
+            tally.rearm();
+            tally.lose();
+        }));
+        let mut tally = Statistics::new(200.0);
+        tally.state(&rests(1));
+        for order in [&arm, &disarm] {
+            tally.order(order);
+        }
+        tally.stop(Stop::Safe, "page 1".to_owned());
+        assert_eq!(tally.stopped_by(), None);
+        // Once armed it may let go by itself.
+        tally.order(&arm);
+        tally.state(&state(2, 0.0, 0.0));
+        tally.state(&rests(3));
+        tally.stop(Stop::Safe, "page 1".to_owned());
+        assert!(status(&tally).starts_with("idle: "));
     }
 
     /// A console that is reset, or that never ends to let go, renders nothing any more.

@@ -558,6 +558,62 @@ fn a_ball_that_is_drawn_along_is_not_inside() {
     }
 }
 
+/// A ball that is held about its radius deep, or creeps in by less than a finger does, while another tool presses beside it: what its
+/// force loses is not lost on its way.
+#[test]
+fn another_tool_beside_it_does_not_put_a_ball_inside() {
+    for (friction, z_m) in [(0.1, 0.0), (0.1, -2e-3), (0.3, -5e-4)] {
+        for creep_m in [1e-6, 1e-5] {
+            let tools = format!(
+                "id = 0\nradius_m = {RADIUS}\nfriction = {friction}\n\
+                 [[tool]]\nid = 1\nradius_m = 0.012\nfriction = {friction}\n\
+                 way_point = [{{ time_s = 0.5, position_m = [0.01, 0.0, 0.0125] }}, {{ time_s = 1.0, position_m = [0.01, 0.0, -0.0015] }}]\n"
+            );
+            let scene = scene("linear", &tools, [16, 16, 7]);
+            let mut solver = SceneSolver::new(&scene).expect("a solver");
+            let (mut pressed_n, mut least_n) = (0.0, f64::MAX);
+            for step in 0..=100_u32 {
+                let down = f64::from(step.min(40)) / 40.0;
+                let creeps = f64::from(step.saturating_sub(40));
+                let z = RADIUS + 5e-4 + (z_m - RADIUS - 5e-4) * down - creep_m * creeps;
+                let time_s = if step < 40 { 0.0 } else { 0.5 + creeps / 120.0 };
+                let report = step_to(&mut solver, [-0.012, 0.0, z], time_s);
+                let what =
+                    format!("friction {friction}, {z_m} m, creeps by {creep_m} m, step {step}");
+                assert_ne!(report.status, Status::Inside, "{what}");
+                let force_n = report.contacts()[0].wrench[2];
+                if step == 40 {
+                    pressed_n = force_n;
+                }
+                least_n = f64::min(least_n, if step < 40 { f64::MAX } else { force_n });
+            }
+            // Else there is nothing to be taken for a way in.
+            assert!(least_n < 0.985 * pressed_n, "{least_n} of {pressed_n} N");
+        }
+    }
+}
+
+/// A ball of which three vertices press from above has been swallowed, though they are on one side of it.
+#[test]
+fn a_swallowed_ball_is_never_pulled_in() {
+    for place in [[1e-3, 7e-4], [-0.01106, -0.01375]] {
+        let tool = format!("radius_m = {RADIUS}");
+        let scene = scene("corotational", &tool, [12, 12, 5]);
+        let mut solver = SceneSolver::new(&scene).expect("a solver");
+        let mut is_inside = false;
+        for step in 0..140_u32 {
+            let z = RADIUS + 1e-3 - 1e-3 * f64::from(step / 5);
+            let report = step_to(&mut solver, [place[0], place[1], z], 0.0);
+            is_inside |= report.status == Status::Inside;
+            if report.status == Status::Ok {
+                let force_n = report.contacts()[0].wrench[2];
+                assert!(force_n > -0.03, "{place:?}, at {z}: {force_n} N");
+            }
+        }
+        assert!(is_inside, "{place:?}");
+    }
+}
+
 /// A bar that lies across two blocks presses on two patches, which both bear it.
 #[test]
 fn a_bar_across_two_blocks_is_looked_at_as_well() {

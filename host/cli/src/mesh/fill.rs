@@ -3,6 +3,7 @@
 //! Entry point: [`fill`]. What is asked of the surface is looked at here, before gmsh runs; the size of the cells follows
 //! from the number of nodes by a few runs.
 
+use super::overlap::overlaps;
 use super::{
     Hint, QUICK_NODES, Times, bad, format_of, hints, measure, print_text, print_times, write,
 };
@@ -13,10 +14,12 @@ use clap::Args;
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::io::{self, ErrorKind};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::Duration;
 use sutura_files::read_plain;
+use sutura_host::boxes::Bounds;
 use sutura_host::mesh::{
     MOST_BYTES, MeshError, MeshReport, RawMesh, Repaired, SurfaceFlaw, SurfaceFormat, TriangleMesh,
     read_raw_mesh,
@@ -97,12 +100,17 @@ pub fn fill(args: &FillArgs, global: &Global) -> Result<(), Failure> {
     // From here on Ctrl-C ends gmsh, too.
     stop_on_signals()?;
     let found = search(&bodies(&surface, &args.surface)?, args)?;
+    let mut said: Vec<Hint> = found.failed.into_iter().collect();
+    said.extend(overlaps(&found.mesh, &found.bodies));
     drop(shown);
     let mut report = MeshReport::of(&found.mesh).map_err(|error| bad(&args.surface, &error))?;
     report.notes.splice(0..0, notes(&repaired));
     write(&found.mesh, &args.out, format)?;
     if let Some(refusal) = &report.refusal {
         tracing::warn!("scenes will refuse this mesh: {refusal}");
+    }
+    for hint in &said {
+        tracing::warn!("{}: {}", hint.message, hint.help);
     }
     let off = report.nodes as f64 / f64::from(args.nodes) - 1.0;
     if off.abs() > CLOSE {
@@ -120,7 +128,7 @@ pub fn fill(args: &FillArgs, global: &Global) -> Result<(), Failure> {
             report.nodes
         )),
     };
-    let warnings = hints(&report);
+    let warnings: Vec<Hint> = hints(&report).into_iter().chain(said).collect();
     match global.format {
         Format::Json => display::object(&Filled {
             status: "ok",
@@ -138,7 +146,7 @@ pub fn fill(args: &FillArgs, global: &Global) -> Result<(), Failure> {
         Format::Text => {
             print_text(&args.out, &report);
             print_times(&trial);
-            for hint in warnings {
+            for hint in hints(&report) {
                 say!("{}: {}", hint.message, hint.help);
             }
         }
@@ -280,11 +288,18 @@ fn notes(repaired: &Repaired) -> Vec<String> {
 
 struct Found {
     mesh: RawMesh,
+    /// Cells of each body.
+    bodies: Vec<Range<usize>>,
     edge_m: f64,
     runs: u32,
+    /// Run that failed after this mesh was found.
+    failed: Option<Hint>,
 }
 
-/// Runs gmsh with one size of cells after the other until the number of nodes is near; the nearest of them.
+/// Runs gmsh with one size of cells after the other until the number of nodes is near, or a run fails; the nearest of them.
+///
+/// # Errors
+/// No run before the one that failed; Ctrl-C.
 fn search(bodies: &[TriangleMesh], args: &FillArgs) -> Result<Found, Failure> {
     let failed = |error: io::Error| {
         let help = "the folder for temporary files has to be there, and yours";
@@ -292,6 +307,7 @@ fn search(bodies: &[TriangleMesh], args: &FillArgs) -> Result<Found, Failure> {
     };
     let folder = tempfile::tempdir().map_err(failed)?;
     let surfaces: Vec<_> = bodies.iter().map(stl).collect();
+    let places = places(bodies);
     let volume_m3: f64 = bodies.iter().map(TriangleMesh::volume_m3).sum();
     let wanted = f64::from(args.nodes);
     // A regular tetrahedron has the volume of its edge cubed over the root of 72; a mesh has some five cells a node.
@@ -305,9 +321,26 @@ fn search(bodies: &[TriangleMesh], args: &FillArgs) -> Result<Found, Failure> {
             format!("run {runs} of at most {MOST_RUNS}, edges of {edge_mm:.3} mm")
         });
         let mut mesh = RawMesh::default();
-        for surface in &surfaces {
-            std::fs::write(folder.path().join("surface.stl"), surface).map_err(failed)?;
-            mesh.append(run_gmsh(folder.path(), edge_m)?);
+        let mut cells = Vec::new();
+        let ran: Result<(), Failure> =
+            surfaces
+                .iter()
+                .zip(&places)
+                .try_for_each(|(surface, place)| {
+                    std::fs::write(folder.path().join("surface.stl"), surface).map_err(failed)?;
+                    let first = mesh.cells.len();
+                    mesh.append(run_gmsh(folder.path(), edge_m, place)?);
+                    cells.push(first..mesh.cells.len());
+                    Ok(())
+                });
+        match (ran, &mut nearest) {
+            (Ok(()), _) => {}
+            (Err(failure), Some((_, found))) if failure.cause != Cause::Interrupted => {
+                found.failed = Some(without(&failure, edge_m, found.edge_m));
+                found.runs = runs;
+                break;
+            }
+            (Err(failure), _) => return Err(failure),
         }
         let ratio = mesh.points_m.len() as f64 / wanted;
         tracing::info!(
@@ -321,7 +354,14 @@ fn search(bodies: &[TriangleMesh], args: &FillArgs) -> Result<Found, Failure> {
         }
         let off = ratio.ln().abs();
         if nearest.as_ref().is_none_or(|(least, _)| off < *least) {
-            nearest = Some((off, Found { mesh, edge_m, runs }));
+            let found = Found {
+                mesh,
+                bodies: cells,
+                edge_m,
+                runs,
+                failed: None,
+            };
+            nearest = Some((off, found));
         }
         if let Some((_, found)) = &mut nearest {
             found.runs = runs;
@@ -338,6 +378,49 @@ fn search(bodies: &[TriangleMesh], args: &FillArgs) -> Result<Found, Failure> {
     }
     let nothing = || Failure::say(Cause::Failed, "gmsh made no mesh", "look at the surface");
     nearest.map(|(_, found)| found).ok_or_else(nothing)
+}
+
+/// Warning of a run with edges of `edge_m` that failed, where the mesh with edges of `found_m` is written.
+fn without(failure: &Failure, edge_m: f64, found_m: f64) -> Hint {
+    let [message, help] = failure.in_words();
+    let which = match edge_m > found_m {
+        true => "coarser",
+        false => "finer",
+    };
+    let [edge_mm, found_mm] = [edge_m, found_m].map(|m| 1e3 * m);
+    Hint {
+        message: format!(
+            "a run with {which} cells, edges of {edge_mm:.3} mm, failed, and the nearest before it, of {found_mm:.3} mm, is written; {message}"
+        ),
+        help,
+    }
+}
+
+/// Number, size and middle of each body, in words; empty for one that is alone.
+fn places(bodies: &[TriangleMesh]) -> Vec<String> {
+    let count = bodies.len();
+    let place = |(index, body): (usize, &TriangleMesh)| {
+        let corners = body.triangles.iter().flatten();
+        let around = corners.fold(Bounds::NOTHING, |all, point| {
+            all.with(&body.points_m[*point as usize].into())
+        });
+        let (size, middle) = (around.high - around.low, around.middle());
+        format!(
+            "body {} of {count} ({:.6} x {:.6} x {:.6} m, its middle at [{:.6}, {:.6}, {:.6}] m, with face {})",
+            index + 1,
+            size.x,
+            size.y,
+            size.z,
+            middle.x,
+            middle.y,
+            middle.z,
+            body.face(0)
+        )
+    };
+    match count {
+        1 => vec![String::new()],
+        _ => bodies.iter().enumerate().map(place).collect(),
+    }
 }
 
 /// The surface as a binary STL file in millimetres: what came as 32 bits in these goes out as it came.
@@ -358,8 +441,8 @@ fn stl(surface: &TriangleMesh) -> Vec<u8> {
 
 /// One mesh, in metres, of cells with edges of about this length. The surface is meshed anew: that of a segmentation has
 /// steps of its voxels, and never the size that is wanted. Edges sharper than 85 degrees stay: the steps of marching cubes
-/// are of 45 to 70, and as edges of patches they are more than gmsh can flatten.
-fn run_gmsh(folder: &Path, edge_m: f64) -> Result<RawMesh, Failure> {
+/// are of 45 to 70, and as edges of patches they are more than gmsh can flatten. `place` names the body among several.
+fn run_gmsh(folder: &Path, edge_m: f64, place: &str) -> Result<RawMesh, Failure> {
     let edge = edge_m / MM;
     let script = format!(
         "h = {edge:e};\n\
@@ -414,16 +497,34 @@ fn run_gmsh(folder: &Path, edge_m: f64) -> Result<RawMesh, Failure> {
     let words = String::from_utf8_lossy(&words);
     let has_error = words.lines().any(|line| line.contains("Error"));
     if !status.success() || has_error || !filled.is_file() {
+        let (what, help) = match place.is_empty() {
+            true => (
+                "the surface",
+                "if that names no other cause, the surface is narrower somewhere than cells of this size: smooth and simplify it, or ask for more nodes",
+            ),
+            false => (
+                place,
+                "if that names no other cause, this body is smaller, or narrower somewhere, than cells of this size, which all bodies have: ask for more nodes; \
+                 leave it out if it is a crumb (MeshLab's \"Remove Isolated Pieces\", skimage.measure.label for a mask); or fill it by itself",
+            ),
+        };
         return Err(said(
-            format!("gmsh did not fill the surface; it says: {}", told(&words)),
-            "if that names no other cause, the surface is narrower somewhere than cells of this size: smooth and simplify it, or ask for more nodes",
+            format!(
+                "gmsh did not fill {what} with edges of {edge:.3} mm; it says: {}",
+                told(&words)
+            ),
+            help,
         ));
     }
     let mesh = read_raw_mesh(&filled, MM).map_err(|error| {
         let help = "if that names no cause: gmsh 4.8 or later is needed; gmsh --version says which there is";
         let words = told(&words);
+        let of = match place.is_empty() {
+            true => String::new(),
+            false => format!(" of {place}"),
+        };
         said(
-            format!("what gmsh wrote cannot be read: {error}; it says: {words}"),
+            format!("what gmsh wrote{of} cannot be read: {error}; it says: {words}"),
             help,
         )
     })?;

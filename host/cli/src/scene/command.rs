@@ -223,7 +223,9 @@ struct Placed {
     message: String,
     /// What to do about it.
     help: Option<String>,
-    /// Line in the scene's file, from 1.
+    /// File that it is about: the scene's, or that of its device.
+    file: Option<String>,
+    /// Line in that file, from 1.
     line: Option<usize>,
     /// Column, from 1.
     column: Option<usize>,
@@ -250,6 +252,10 @@ fn placed(warning: &Flaw) -> Placed {
     Placed {
         message: warning.to_string(),
         help: warning.help().map(|help| help.to_string()),
+        file: place
+            .as_ref()
+            .and_then(|place| place.name())
+            .map(str::to_owned),
         line: place.as_ref().map(|place| place.line() + 1),
         column: place.as_ref().map(|place| place.column() + 1),
     }

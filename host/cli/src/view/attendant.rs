@@ -111,6 +111,7 @@ impl PageAttendant {
             Command::ClearFault => Some(Order::Command(ToConsole::ClearFault)),
             Command::Arm => {
                 (self.arms, self.is_stopped, self.leaving) = (true, false, None);
+                self.telemetry.arm();
                 None
             }
             Command::TakeOut => match self.leave(MORE_WAYS) {

@@ -10,6 +10,7 @@ use super::show::Show;
 use super::take_out::{IS_CLEAR, MORE_WAYS, NoWay, RESTS_S, STILL_INSIDE, TakeOut, grip};
 use crate::failure::Failure;
 use crate::signals::Stoppable;
+use std::collections::VecDeque;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -19,7 +20,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use sutura_host::link::Order;
 use sutura_host::scene::Tissue;
-use sutura_host::session::{Plan, Steer, Steered, Stop, Tuning};
+use sutura_host::session::{Instruction, Plan, Steer, Steered, Stop, Tuning};
 use sutura_host::tool::Act;
 use sutura_shared::wire::message::{Command as ToConsole, Mode, Simulate};
 use sutura_view::{Command, Hand, Reply, Request, SetTo};
@@ -66,8 +67,26 @@ pub const NO_JAWS_HELP: &str = "take a scene whose driven tool has `[[jaws]]`";
 pub enum Ended {
     /// The program is to end.
     Closed,
-    /// Another one begins.
-    Next(Box<Prepared>),
+    /// Another one begins; at rest after a safe stop.
+    Next(Box<Prepared>, Option<Stopper>),
+}
+
+/// Who asked for a safe stop.
+#[derive(Clone, Debug)]
+pub struct Stopper {
+    /// Name for summaries.
+    person: String,
+    /// Words for pages.
+    asker: &'static str,
+}
+
+impl Stopper {
+    fn of(reply: &Reply) -> Self {
+        Self {
+            person: reply.person(),
+            asker: reply.asker(),
+        }
+    }
 }
 
 /// How far time goes before it stands still again.
@@ -112,9 +131,13 @@ pub struct Helm<'a> {
     out: Option<TakeOut>,
     /// Tick at which the way out that it is on ends, and the number of further ones; then the console is armed.
     leaving: Option<(u64, u8)>,
-    /// Requests for rest that are not reported yet, with the names of the persons.
-    stops: Vec<(Stop, String)>,
     making: Option<Making>,
+    /// Who asked for the safe stop with which the session begins.
+    held: Option<Stopper>,
+    /// Requests from before the session's first state.
+    waiting: VecDeque<Request>,
+    /// Who asked for a safe stop since another session is being made, unless somebody asked to arm after it.
+    holds_next: Option<Stopper>,
     /// Sessions in the making in whose place another one was asked for.
     left: Vec<JoinHandle<Result<Prepared, Failure>>>,
     ended: Option<Ended>,
@@ -149,8 +172,10 @@ impl<'a> Helm<'a> {
             acts: Vec::new(),
             out: None,
             leaving: None,
-            stops: Vec::new(),
             making: None,
+            held: None,
+            waiting: VecDeque::new(),
+            holds_next: None,
             left: Vec::new(),
             ended: None,
             stands: None,
@@ -167,6 +192,11 @@ impl<'a> Helm<'a> {
     /// The console's tool can be taken out of the tissue.
     pub fn take_out_by(&mut self, out: Option<TakeOut>) {
         self.out = out;
+    }
+
+    /// The session begins at rest, if somebody asked for a safe stop while it was made.
+    pub fn held_by(&mut self, stopper: Option<Stopper>) {
+        self.held = stopper;
     }
 
     /// Time stands still from so long after the start on \[s\]; `reached` is set then.
@@ -196,31 +226,27 @@ impl<'a> Helm<'a> {
         self.from = (Instant::now(), ticks);
     }
 
-    fn obey(&mut self, request: Request, now: &Steered<'_>, orders: &mut Vec<Order>) {
+    fn obey(&mut self, request: Request, now: &Steered<'_>, instructions: &mut Vec<Instruction>) {
         let Request { command, reply } = request;
         let renders = matches!(now.state.mode, Mode::Armed | Mode::Decaying);
         let now_s = self.time_s(now);
         match command {
-            Command::SafeStop => {
-                self.leaving = None;
-                self.stops.push((Stop::Safe, reply.person()));
-                self.show.telemetry().safe_stop(reply.asker());
-                self.order(ToConsole::Disarm, now, orders);
-            }
+            Command::SafeStop => self.safe_stop(Stopper::of(&reply), now, instructions),
             Command::Arm | Command::TakeOut if now.state.mode == Mode::Fault => {
                 return reply.refuse("the console is in a latched fault", "clear the fault first");
             }
             Command::Arm => {
                 self.leaving = None;
-                self.order(ToConsole::Arm, now, orders);
+                self.note_arm();
+                self.order(ToConsole::Arm, now, instructions);
             }
             Command::TakeOut => {
                 let mut way = Vec::new();
                 match self.leave(MORE_WAYS, now, &mut way) {
                     Ok(true) => {
-                        self.stops.push((Stop::TakeOut, reply.person()));
-                        self.order(ToConsole::Disarm, now, orders);
-                        orders.append(&mut way);
+                        instructions.push(Instruction::Stop(Stop::TakeOut, reply.person()));
+                        self.order(ToConsole::Disarm, now, instructions);
+                        instructions.append(&mut way);
                     }
                     Ok(false) => {
                         let (message, help) = IS_CLEAR;
@@ -234,7 +260,7 @@ impl<'a> Helm<'a> {
                         .map(|(ends, _)| Until::Tick(ends + TICKS_TO_OBEY));
                 }
             }
-            Command::ClearFault => self.order(ToConsole::ClearFault, now, orders),
+            Command::ClearFault => self.order(ToConsole::ClearFault, now, instructions),
             Command::Drag(Some(_)) | Command::Hand(_) if !renders => {
                 return reply.refuse("nobody holds a grip whose motors are off", "arm first");
             }
@@ -244,7 +270,7 @@ impl<'a> Helm<'a> {
             }
             Command::Hand(hand) => {
                 let script = self.guide.go(now_s, hand);
-                orders.push(Order::Simulate(Simulate::Hand(script)));
+                instructions.push(Order::Simulate(Simulate::Hand(script)).into());
             }
             Command::Jaws(closed) => match self.jaws {
                 Some(tool) => self.acts.push(Act::of_jaws(tool, closed)),
@@ -291,7 +317,7 @@ impl<'a> Helm<'a> {
                 };
             }
             Command::Set { name, value } => {
-                return self.set((&name, &value), now, orders, reply);
+                return self.set((&name, &value), now, instructions, reply);
             }
             Command::SaveLast => return self.saves.last(reply),
             Command::Record(true) if self.saves.file().is_some() => {
@@ -321,14 +347,35 @@ impl<'a> Helm<'a> {
         reply.done();
     }
 
+    fn safe_stop(
+        &mut self,
+        stopper: Stopper,
+        now: &Steered<'_>,
+        instructions: &mut Vec<Instruction>,
+    ) {
+        self.leaving = None;
+        self.show.telemetry().safe_stop(stopper.asker);
+        instructions.push(Instruction::Stop(Stop::Safe, stopper.person.clone()));
+        self.order(ToConsole::Disarm, now, instructions);
+        if self.making.is_some() {
+            self.holds_next.get_or_insert(stopper);
+        }
+    }
+
+    /// Takes note that somebody has asked to arm the console.
+    fn note_arm(&mut self) {
+        self.show.telemetry().arm();
+        self.holds_next = None;
+    }
+
     fn step(&mut self, until: Until, now: &Steered<'_>) {
         (self.paused, self.until) = (true, Some(until));
         self.go_on(now.ticks);
     }
 
     /// An order that is obeyed even while time stands still.
-    fn order(&mut self, order: ToConsole, now: &Steered<'_>, orders: &mut Vec<Order>) {
-        orders.push(Order::Command(order));
+    fn order(&mut self, order: ToConsole, now: &Steered<'_>, instructions: &mut Vec<Instruction>) {
+        instructions.push(Order::Command(order).into());
         if self.paused && self.until.is_none() {
             self.until = Some(Until::Tick(now.ticks + TICKS_TO_OBEY));
             self.go_on(now.ticks);
@@ -340,7 +387,7 @@ impl<'a> Helm<'a> {
         &mut self,
         more: u8,
         now: &Steered<'_>,
-        orders: &mut Vec<Order>,
+        instructions: &mut Vec<Instruction>,
     ) -> Result<bool, NoWay> {
         let now_s = self.time_s(now);
         let grip = grip(now.state);
@@ -351,19 +398,22 @@ impl<'a> Helm<'a> {
         let Some((script, way_s)) = out.way(&mut self.guide, now_s, &grip)? else {
             return Ok(false);
         };
-        orders.push(Order::Simulate(Simulate::Hand(script)));
+        instructions.push(Order::Simulate(Simulate::Hand(script)).into());
         let ticks = ((way_s + RESTS_S) * f64::from(self.plan.tick_hz)).ceil() as u64;
         self.leaving = Some((now.ticks + ticks, more));
         Ok(true)
     }
 
     /// Arms the console at the end of a way out of the tissue, or goes on to the next one.
-    fn look_whether_out(&mut self, now: &Steered<'_>, orders: &mut Vec<Order>) {
+    fn look_whether_out(&mut self, now: &Steered<'_>, instructions: &mut Vec<Instruction>) {
         let Some((_, more)) = self.leaving.take_if(|(ends, _)| now.ticks >= *ends) else {
             return;
         };
-        match self.leave(more.saturating_sub(1), now, orders) {
-            Ok(false) => orders.push(Order::Command(ToConsole::Arm)),
+        match self.leave(more.saturating_sub(1), now, instructions) {
+            Ok(false) => {
+                self.note_arm();
+                instructions.push(Order::Command(ToConsole::Arm).into());
+            }
             Ok(true) if more > 0 => {
                 if self.paused {
                     self.until = self
@@ -382,7 +432,7 @@ impl<'a> Helm<'a> {
         &mut self,
         (name, to): (&str, &SetTo),
         now: &Steered<'_>,
-        orders: &mut Vec<Order>,
+        instructions: &mut Vec<Instruction>,
         reply: Reply,
     ) {
         let mut named = self.settings.iter_mut();
@@ -400,11 +450,11 @@ impl<'a> Helm<'a> {
         setting.take(to);
         self.wish = wish;
         reply.done();
-        self.change(change, now, orders);
+        self.change(change, now, instructions);
     }
 
     /// Changes what needs no other solver.
-    fn change(&mut self, change: Change, now: &Steered<'_>, orders: &mut Vec<Order>) {
+    fn change(&mut self, change: Change, now: &Steered<'_>, instructions: &mut Vec<Instruction>) {
         match change {
             Change::Tuning(tuning) => {
                 self.plan = self.plan.tuned(&tuning);
@@ -412,10 +462,10 @@ impl<'a> Helm<'a> {
             }
             Change::Grasp(grasp) => {
                 let script = self.guide.hold(self.time_s(now), grasp);
-                orders.push(Order::Simulate(Simulate::Hand(script)));
+                instructions.push(Order::Simulate(Simulate::Hand(script)).into());
             }
             Change::Standing(standing) => {
-                orders.push(Order::Fixture(standing.fixture(now.state.position_m)));
+                instructions.push(Order::Fixture(standing.fixture(now.state.position_m)).into());
             }
         }
         let settings: Vec<_> = self.settings.iter().map(Setting::said).collect();
@@ -429,6 +479,9 @@ impl<'a> Helm<'a> {
     /// Makes another session beside this one, in place of one that is not made yet: a scene that takes for ever keeps nobody
     /// from the next.
     fn make(&mut self, wish: Wish, reply: Reply) {
+        if self.making.is_none() {
+            self.holds_next = None;
+        }
         self.left.retain(|thread| !thread.is_finished());
         if self.making.is_some() && self.left.len() >= MOST_LEFT {
             let message = format!("{} other sessions are being made already", MOST_LEFT + 1);
@@ -478,7 +531,7 @@ impl<'a> Helm<'a> {
         match making.thread.join() {
             Ok(Ok(prepared)) => {
                 making.reply.done();
-                self.ended = Some(Ended::Next(Box::new(prepared)));
+                self.ended = Some(Ended::Next(Box::new(prepared), self.holds_next.take()));
                 return true;
             }
             Ok(Err(failure)) => {
@@ -512,8 +565,25 @@ impl<'a> Helm<'a> {
 }
 
 impl Steer for Helm<'_> {
-    fn stops(&mut self) -> Vec<(Stop, String)> {
-        std::mem::take(&mut self.stops)
+    fn begins_at_rest(&mut self) -> bool {
+        // Requests from between two sessions count, too.
+        self.waiting.extend(self.asked.try_iter());
+        let mut stopper = self.held.clone();
+        for Request { command, reply } in &self.waiting {
+            match command {
+                Command::SafeStop => stopper = stopper.or_else(|| Some(Stopper::of(reply))),
+                Command::Arm => stopper = None,
+                _ => {}
+            }
+        }
+        let Some(stopper) = stopper else {
+            self.held = None;
+            return false;
+        };
+        self.show.telemetry().safe_stop(stopper.asker);
+        // Nothing is solved at rest, and the scene is seen all the same.
+        self.show.offer().offer_first();
+        true
     }
 
     fn acts(&mut self) -> Vec<Act> {
@@ -524,7 +594,7 @@ impl Steer for Helm<'_> {
         self.tuned.take()
     }
 
-    fn steer(&mut self, now: &Steered<'_>, orders: &mut Vec<Order>) -> ControlFlow<()> {
+    fn steer(&mut self, now: &Steered<'_>, instructions: &mut Vec<Instruction>) -> ControlFlow<()> {
         if let Some(report) = now.report {
             self.show.going(|going| going.report = Some(*report));
         }
@@ -538,6 +608,12 @@ impl Steer for Helm<'_> {
                 // While time stands still again, whoever waits for it has it already.
                 let _ = stands.set(1.0 / PICTURE_HZ + 1.0 / self.plan.host_hz);
             }
+        }
+        if let Some(stopper) = self.held.take() {
+            self.safe_stop(stopper, now, instructions);
+        }
+        while let Some(request) = self.waiting.pop_front() {
+            self.obey(request, now, instructions);
         }
         loop {
             if self.stop.load(Ordering::Relaxed) || self.is_made() {
@@ -558,17 +634,17 @@ impl Steer for Helm<'_> {
                 }
             };
             match request {
-                Some(request) => self.obey(request, now, orders),
+                Some(request) => self.obey(request, now, instructions),
                 None if wait < WORTH_SLEEPING => break,
                 None => {}
             }
         }
-        self.look_whether_out(now, orders);
+        self.look_whether_out(now, instructions);
         let now_s = self.time_s(now);
         if matches!(now.state.mode, Mode::Armed | Mode::Decaying)
             && let Some(script) = self.guide.order(now_s)
         {
-            orders.push(Order::Simulate(Simulate::Hand(script)));
+            instructions.push(Order::Simulate(Simulate::Hand(script)).into());
         }
         ControlFlow::Continue(())
     }

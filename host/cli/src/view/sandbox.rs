@@ -4,7 +4,7 @@
 //! they are slow, and lose nothing.
 
 use super::hello::Kind;
-use super::helm::{COMMANDS, Ended, Helm};
+use super::helm::{COMMANDS, Ended, Helm, Stopper};
 use super::live::Live;
 use super::page::Page;
 use super::prepare::Prepared;
@@ -55,6 +55,7 @@ pub fn run(
     let Some(asked) = page.take_asked() else {
         return Ok(());
     };
+    let mut held = None;
     for number in 1.. {
         let file = match record {
             Some(file) => named(file, number, (&prepared.read, prepared.wish.overwrite)),
@@ -66,11 +67,11 @@ pub fn run(
             &asked,
             prepared,
             (file, record),
-            pause.take(),
+            (pause.take(), held.take()),
             stop,
         )? {
             Ended::Closed => break,
-            Ended::Next(next) => prepared = *next,
+            Ended::Next(next, stopper) => (prepared, held) = (*next, stopper),
         }
     }
     Ok(())
@@ -81,7 +82,7 @@ fn session(
     asked: &Receiver<Request>,
     prepared: Prepared,
     (file, named): (Option<PathBuf>, Option<&Path>),
-    pause: Option<At>,
+    (pause, held): (Option<At>, Option<Stopper>),
     stop: &AtomicBool,
 ) -> Result<Ended, Failure> {
     let jaws = prepared.scene.driven_jaws();
@@ -140,6 +141,7 @@ fn session(
     let mut helm = Helm::new((asked, stop), &show, wish, (plan, settings), saves);
     helm.close_jaws_of(jaws);
     helm.take_out_by(out);
+    helm.held_by(held);
     if let Some(At { at_s, reached }) = pause {
         helm.pause_at(at_s, reached);
     }

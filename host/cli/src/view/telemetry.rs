@@ -38,6 +38,8 @@ struct Inner {
     punctures: u32,
     /// Name of the person who asked for a safe stop; cleared when the console is armed.
     stopped_by: Option<&'static str>,
+    /// Whether somebody has asked to arm it, and no state has shown it armed since.
+    arming: bool,
 }
 
 impl Telemetry {
@@ -54,6 +56,7 @@ impl Telemetry {
             faults: 0,
             punctures: 0,
             stopped_by: None,
+            arming: false,
         };
         Self {
             inner: Mutex::new(inner),
@@ -134,10 +137,13 @@ impl Telemetry {
     ) -> Map<String, Value> {
         let mut inner = self.lock();
         let session = inner.of.session;
+        // One that is told to rest and to arm before the same tick never rests.
+        let is_armed = inner.arming && inner.mode.is_some_and(renders);
+        let stopped_by = inner.stopped_by.filter(|_| !is_armed);
         let mut said = inner.gauges.said(report, link, limited);
         said.insert("kind".to_owned(), json!("gauges"));
         said.insert("session".to_owned(), json!(session));
-        said.insert("stopped_by".to_owned(), json!(inner.stopped_by));
+        said.insert("stopped_by".to_owned(), json!(stopped_by));
         said
     }
 
@@ -146,15 +152,29 @@ impl Telemetry {
         self.lock().gauges.newest().map(grip)
     }
 
-    /// Somebody has asked for a safe stop.
+    /// Somebody has asked for a safe stop. One before the session's first state holds it at rest from the start.
     pub fn safe_stop(&self, by: &'static str) {
-        self.lock().stopped_by.get_or_insert(by);
+        let mut inner = self.lock();
+        if std::mem::take(&mut inner.arming) {
+            inner.stopped_by = None;
+        }
+        inner.stopped_by.get_or_insert(by);
+    }
+
+    /// Somebody has asked to arm the console.
+    pub fn arm(&self) {
+        self.lock().arming = true;
     }
 
     /// Tells of something that is known elsewhere.
     pub fn event(&self, what: &str, text: &str, help: &str) {
         self.lock().event(what, text, help);
     }
+}
+
+/// Whether a console of this mode renders.
+fn renders(mode: Mode) -> bool {
+    matches!(mode, Mode::Armed | Mode::Decaying)
 }
 
 impl Inner {
@@ -164,9 +184,9 @@ impl Inner {
     }
 
     fn state(&mut self, console_time_us: u64, state: &State) {
-        let renders = matches!(state.mode, Mode::Armed | Mode::Decaying);
         if self.began_us.is_none() {
-            if !renders {
+            let rests = state.mode == Mode::Idle && self.stopped_by.is_some();
+            if !rests && !renders(state.mode) {
                 return;
             }
             self.began_us = Some(console_time_us);
@@ -181,6 +201,9 @@ impl Inner {
         }
         let before = self.mode.replace(state.mode);
         if before != Some(state.mode) {
+            if state.mode != Mode::Idle && std::mem::take(&mut self.arming) {
+                self.stopped_by = None;
+            }
             match (before, state.mode) {
                 (_, Mode::Decaying) => self.event(
                     "decay",

@@ -22,6 +22,8 @@ const LEAST_OUTWARD: f64 = 0.15;
 const LEAST_OF_A_FACE: f64 = 0.0;
 /// Least outwardness of a contact on one side of the tool, which may lie on the flank of an edge or a tip.
 const LEAST_ON_A_SIDE: f64 = -0.5;
+/// Outwardness below which tissue that has closed over a tool pulls it in, from whichever side.
+const PULLS_IN: f64 = 0.0;
 /// Magnitude of the summed force over the sum of the magnitudes, from which on a contact is on one side of the tool.
 const ONE_SIDE: f64 = 0.8;
 /// Contacts that are less outward wrap around the tool: below that a force that falls on the way in is no bend of the tissue.
@@ -39,9 +41,11 @@ const STRAIGHT_IN: f64 = 0.85;
 /// Largest way aside on a way in, as a part of the depth gained: 55 degrees. Beyond 45 degrees a fall counts from [`FALL_OF_A_FACE`] on.
 const SLANT: f64 = 1.5;
 /// Way aside beyond that, in radii of the tool, up to which a hand trembles: a force before it is compared with one after it.
-const ASIDE: f64 = 0.25;
+const ASIDE: f64 = 0.75;
 /// Way aside beyond that, in radii of the tool, from which on a tool is no longer on its way straight in.
 const STRAYS: f64 = 0.02;
+/// Least way of a tool, in radii of it, that has made a fall of a tenth while another tool presses as well: that may have made it.
+const BESIDE: f64 = 0.1;
 /// Distance around the contact within which the tissue's mean rotation is taken, in radii of the tool.
 const AROUND: f64 = 4.0;
 /// Most looks at a tool's way: 16 of its radii where it stays as near as that.
@@ -154,6 +158,8 @@ impl Hardest {
         if now.at == self.last {
             let lost_n = (self.last_force.normal - now.force.normal).dot(&self.out);
             self.force.normal -= self.out * lost_n.max(0.0);
+            let lost_n = self.last_force.whole_n - now.force.whole_n;
+            self.force.whole_n -= lost_n.max(0.0);
         }
         (self.last, self.last_force) = (now.at, now.force);
     }
@@ -297,13 +303,21 @@ impl ToolContacts {
             &pressed.out,
             pressed.whole.norm(),
         );
+        let others_press = (0..tools.each.len() as u32)
+            .any(|other| other != tool && self.pressing(other).next().is_some());
         let (Some(now), Some(hardest)) = (now, &mut self.hardest[place]) else {
             self.hardest[place] = now;
             return false;
         };
         let turn_m = solid.turned_m(&tools.solid(place, &hardest.at));
         hardest.go_on(&now);
-        if hardest.has_fallen(turn_m, ASIDE * solid.radius(), fall) {
+        let (fall, least_m) = match others_press {
+            true => (FALL_OF_A_FACE, BESIDE * solid.radius()),
+            false => (fall, 0.0),
+        };
+        if hardest.way().norm() >= least_m
+            && hardest.has_fallen(turn_m, ASIDE * solid.radius(), fall)
+        {
             return true;
         }
         *hardest = hardest.or(now, solid.radius());
@@ -445,7 +459,7 @@ impl Balance<'_> {
         let suspect = if has_faces {
             WRAPS
         } else {
-            at_rest.least(is_round, falls)
+            at_rest.least(is_round, falls).max(PULLS_IN)
         };
         if at_rest.total == 0.0 || at_rest.outwardness() >= suspect {
             return false;
@@ -460,11 +474,15 @@ impl Balance<'_> {
         };
         let solid = tools.solid(tool as usize, &placement);
         // A tool that has its middle outside and comes along the surface is at a rim, where tissue slips from its front to under it.
-        let mut cores = solid.cores().into_iter();
+        let cores = solid.cores();
         let wraps = turned < at_rest.least(is_round, falls)
-            && (cores.any(|core| model.contains(&core) || self.is_within(model, &core))
+            && (cores
+                .into_iter()
+                .any(|core| model.contains(&core) || self.is_within(model, &core))
                 || (falls && self.heads_in(tool, &solid)));
+        let pulls_in = turned < PULLS_IN && cores.iter().any(|core| self.is_within(model, core));
         wraps
+            || pulls_in
             || solid
                 .behind_faces()
                 .any(|place| self.is_within(model, &place))
