@@ -64,14 +64,11 @@ impl TakeOut {
                 help,
             )
         })?;
-        let out = Vector3::from(out);
-        let Some(normal) = out.try_normalize(0.0) else {
+        if out == [0.0; 3] {
             return Ok(None);
-        };
-        // The hand is a spring: motors that push outwards keep the grip ahead of it until they are off.
-        let from = Vector3::from(guide.at(now_s));
-        let ahead_m = (Vector3::from(grip.position_m) - from).dot(&normal);
-        let to: [f64; 3] = (from + out + normal * ahead_m.max(0.0)).into();
+        }
+        // The hand is a spring: until they are off, motors that push or pull keep the grip away from where it wants it.
+        let to: [f64; 3] = (Vector3::from(grip.position_m) + Vector3::from(out)).into();
         let kinematics = &self.device.kinematics;
         match (
             joints_at(kinematics, grip.position_m),
