@@ -368,13 +368,14 @@ fn a_tool_that_has_slipped_in_is_taken_out_and_armed() {
     slips_in(&mut client);
     client.does(json!({"do": "take_out"}));
     client.event("armed");
-    let out = |message: &Message| match message {
-        Message::Binary(bytes) if bytes[0] == 2 && word(bytes, &hello) == "ok" => Some(grip(bytes)),
+    // By the shortest way: to 17 mm above the top, the radius and a fifth of it, once motors make up for friction.
+    let at = client.until(|message| match message {
+        Message::Binary(bytes) if bytes[0] == 2 && word(bytes, &hello) == "ok" => {
+            Some(grip(bytes)).filter(|at| at[2] > 0.016)
+        }
         _ => None,
-    };
-    let at = client.until(out);
-    // By the shortest way: to 17 mm above the top, the radius and a fifth of it.
-    assert!((at[2] - 0.0168).abs() < 2e-3, "{at:?}");
+    });
+    assert!(at[2] < 0.0178, "{at:?}");
     // It is felt again.
     client.does(json!({"do": "drag", "to_m": [0.0, 0.0, 0.008]}));
     client.text(|value| value["force_n"].as_f64() > Some(0.3));

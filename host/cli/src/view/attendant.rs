@@ -90,7 +90,7 @@ impl PageAttendant {
             return Err(("the console has said nothing yet".to_owned(), "wait for it"));
         };
         let now_s = since.elapsed().as_secs_f64();
-        let Some((script, way_s)) = out.way(guide, now_s, &grip)? else {
+        let Some((script, way_s)) = out.way(guide, now_s, &grip, more)? else {
             return Ok(false);
         };
         self.orders

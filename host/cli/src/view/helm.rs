@@ -395,7 +395,7 @@ impl<'a> Helm<'a> {
             let message = "the console's grip carries nothing that could be in the tissue";
             return Err((message.to_owned(), "arm the console"));
         };
-        let Some((script, way_s)) = out.way(&mut self.guide, now_s, &grip)? else {
+        let Some((script, way_s)) = out.way(&mut self.guide, now_s, &grip, more)? else {
             return Ok(false);
         };
         instructions.push(Order::Simulate(Simulate::Hand(script)).into());

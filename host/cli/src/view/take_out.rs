@@ -47,7 +47,8 @@ impl TakeOut {
         })
     }
 
-    /// Returns the hand's targets for a grip at a pose, and their duration \[s\]; none if the tool is clear already.
+    /// Returns the hand's targets for a grip at a pose, and their duration \[s\]; none if the tool is clear already. So many `more` ways
+    /// may follow, [`MORE_WAYS`] the first one.
     ///
     /// # Errors
     /// There is no way, or the console does not reach to its end.
@@ -56,6 +57,7 @@ impl TakeOut {
         guide: &mut Guide,
         now_s: f64,
         grip: &Pose,
+        more: u8,
     ) -> Result<Option<(HandScript, f64)>, NoWay> {
         let help = "`Start again` begins with the tool outside";
         let out = self.ways.from(grip).ok_or_else(|| {
@@ -67,8 +69,13 @@ impl TakeOut {
         if out == [0.0; 3] {
             return Ok(None);
         }
-        // The hand is a spring: until they are off, motors that push or pull keep the grip away from where it wants it.
-        let to: [f64; 3] = (Vector3::from(grip.position_m) + Vector3::from(out)).into();
+        // The hand is a spring. At first motors that push or pull keep the grip away from where it wants it, until they are off;
+        // afterwards friction does, and it has to go farther.
+        let from = match more {
+            MORE_WAYS => grip.position_m,
+            _ => guide.at(now_s),
+        };
+        let to: [f64; 3] = (Vector3::from(from) + Vector3::from(out)).into();
         let kinematics = &self.device.kinematics;
         match (
             joints_at(kinematics, grip.position_m),
