@@ -71,7 +71,7 @@ pub enum Ended {
     Next(Box<Prepared>, Option<Stopper>),
 }
 
-/// Who asked for a safe stop.
+/// Person who asked for a safe stop.
 #[derive(Clone, Debug)]
 pub struct Stopper {
     /// Name for summaries.
@@ -132,11 +132,11 @@ pub struct Helm<'a> {
     /// Tick at which the way out that it is on ends, and the number of further ones; then the console is armed.
     leaving: Option<(u64, u8)>,
     making: Option<Making>,
-    /// Who asked for the safe stop with which the session begins.
+    /// Person who asked for the safe stop with which the session begins.
     held: Option<Stopper>,
     /// Requests from before the session's first state.
     waiting: VecDeque<Request>,
-    /// Who asked for a safe stop since another session is being made, unless somebody asked to arm after it.
+    /// Person who asked for a safe stop since another session is being made, unless somebody asked to arm after it.
     holds_next: Option<Stopper>,
     /// Sessions in the making in whose place another one was asked for.
     left: Vec<JoinHandle<Result<Prepared, Failure>>>,
