@@ -121,7 +121,10 @@ mod sutura {
                 if due {
                     host.report().stack_free_bytes = stack_free;
                 }
-                host.send(newest, clock_us);
+                if host.send(newest, clock_us) {
+                    // Reports say how the last program ended.
+                    board::forget_crash();
+                }
             });
             let state = &newest.state;
             if (state.mode, state.faults) != *cx.local.logged {
@@ -145,6 +148,7 @@ mod sutura {
     #[cfg(not(feature = "virtual"))]
     #[task(binds = OTG_FS, priority = 4, shared = [contacts, last_tick, host])]
     fn usb(cx: usb::Context) {
+        board::before_link();
         receive(cx.shared.contacts, cx.shared.last_tick, cx.shared.host);
     }
 

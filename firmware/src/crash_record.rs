@@ -1,7 +1,8 @@
 //! What a fault handler leaves behind for the next boot, and what the reset flags say.
 //!
 //! Entry points: [`CrashRecord::to_words`] before the reset, [`CrashRecord::from_words`] after it,
-//! [`reset_cause`]. RAM that nobody initialises holds noise after power-up, hence the mark and the check.
+//! [`reset_cause`]. RAM that nobody initialises holds noise after power-up, hence the mark and the check. A record stays there until a
+//! host has been told: the boot that finds it may end in a watchdog before any host comes.
 
 /// Which handler wrote the crash_record; the numbers are those of `Report::epitaph_kind`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,28 +27,49 @@ pub struct CrashRecord {
     pub place: u32,
 }
 
+/// Whether a boot has found a record before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Age {
+    /// Left by the program that ran last.
+    New,
+    /// Left by an earlier one, and no host has been told since.
+    Kept,
+}
+
 const MARK: u32 = 0x5375_7475;
+/// Set in the first word of a record that is kept.
+const KEPT: u32 = 1 << 31;
 
 impl CrashRecord {
     /// Three words for the uninitialised RAM.
-    pub fn to_words(self) -> [u32; 3] {
-        let kind = MARK ^ self.kind as u32;
+    pub fn to_words(self, age: Age) -> [u32; 3] {
+        let kept = match age {
+            Age::New => 0,
+            Age::Kept => KEPT,
+        };
+        let kind = MARK ^ kept ^ self.kind as u32;
         [kind, self.place, check(kind, self.place)]
     }
 
     /// Reads the words back; `None` for noise.
-    pub fn from_words([kind, place, sum]: [u32; 3]) -> Option<Self> {
+    pub fn from_words([kind, place, sum]: [u32; 3]) -> Option<(Self, Age)> {
         if sum != check(kind, place) {
             return None;
         }
-        let kind = match kind ^ MARK {
+        let kind = kind ^ MARK;
+        let age = if kind & KEPT == 0 {
+            Age::New
+        } else {
+            Age::Kept
+        };
+        let kind = match kind & !KEPT {
             1 => Kind::Panic,
             2 => Kind::HardFault,
             3 => Kind::Exception,
             4 => Kind::Watchdog,
             _ => return None,
         };
-        Some(Self { kind, place })
+        Some((Self { kind, place }, age))
     }
 }
 
@@ -65,8 +87,8 @@ pub fn place_of(file: &str, line: u32) -> u32 {
 /// Cause of a reset in the numbers of `Report::reset_cause`, from the flags in `RCC_CSR` (RM0090, 7.3.21).
 ///
 /// Several flags stand at once: every reset pulls the pin too, and a power-up sets the brown-out flag. A
-/// software reset with an crash_record is a fault handler's.
-pub fn reset_cause(csr: u32, crash_record: Option<CrashRecord>) -> u8 {
+/// software reset with a new crash record is a fault handler's.
+pub fn reset_cause(csr: u32, found: Option<Age>) -> u8 {
     const PIN: u32 = 1 << 26;
     const POWER: u32 = 1 << 27 | 1 << 25;
     const SOFTWARE: u32 = 1 << 28;
@@ -76,7 +98,7 @@ pub fn reset_cause(csr: u32, crash_record: Option<CrashRecord>) -> u8 {
     } else if csr & WATCHDOGS != 0 {
         4
     } else if csr & SOFTWARE != 0 {
-        if crash_record.is_some() { 5 } else { 3 }
+        if found == Some(Age::New) { 5 } else { 3 }
     } else if csr & PIN != 0 {
         2
     } else {
@@ -100,12 +122,14 @@ mod tests {
                 kind,
                 place: 0x0800_1234,
             };
-            let words = crash_record.to_words();
-            assert_eq!(CrashRecord::from_words(words), Some(crash_record));
-            for bit in 0..96 {
-                let mut broken = words;
-                broken[bit / 32] ^= 1 << (bit % 32);
-                assert_eq!(CrashRecord::from_words(broken), None, "bit {bit}");
+            for age in [Age::New, Age::Kept] {
+                let words = crash_record.to_words(age);
+                assert_eq!(CrashRecord::from_words(words), Some((crash_record, age)));
+                for bit in 0..96 {
+                    let mut broken = words;
+                    broken[bit / 32] ^= 1 << (bit % 32);
+                    assert_eq!(CrashRecord::from_words(broken), None, "bit {bit}");
+                }
             }
         }
     }
@@ -126,16 +150,14 @@ mod tests {
     /// Flag combinations as RM0090 describes them: the pin flag stands beside every other.
     #[test]
     fn the_strongest_flag_names_the_cause() {
-        let crash_record = Some(CrashRecord {
-            kind: Kind::Panic,
-            place: 7,
-        });
         assert_eq!(reset_cause(0x0E00_0000, None), 1);
         assert_eq!(reset_cause(0x0400_0000, None), 2);
         assert_eq!(reset_cause(0x1400_0000, None), 3);
         assert_eq!(reset_cause(0x2400_0000, None), 4);
-        assert_eq!(reset_cause(0x4400_0000, crash_record), 4);
-        assert_eq!(reset_cause(0x1400_0000, crash_record), 5);
+        assert_eq!(reset_cause(0x4400_0000, Some(Age::New)), 4);
+        assert_eq!(reset_cause(0x1400_0000, Some(Age::New)), 5);
+        // An older one says nothing of this reset.
+        assert_eq!(reset_cause(0x1400_0000, Some(Age::Kept)), 3);
         assert_eq!(reset_cause(0, None), 0);
     }
 }

@@ -16,6 +16,10 @@ pub trait Bytes {
     /// Most bytes that are taken in one tick; the rest waits in the port. What comes faster than the board can chew must not
     /// starve telemetry and the watchdogs.
     const PER_TICK: usize = usize::MAX;
+    /// Whether the host has begun the line anew since this was last asked: its session is over.
+    fn has_begun_anew(&mut self) -> bool {
+        false
+    }
     /// Takes what has arrived, up to the length of `bytes`; 0 = nothing more now.
     fn read(&mut self, bytes: &mut [u8]) -> usize;
     /// Sends what fits; 0 = nothing more fits now.
@@ -78,10 +82,15 @@ impl<'a, P: Bytes> HostSide<'a, P> {
         mut publish: impl FnMut(&mut &'a mut Slot) -> bool,
     ) -> bool {
         let mut bytes = [0; CHUNK];
-        if self.has_room()
-            && let Some(delivery) = self.endpoint.expire(now_us)
-        {
-            self.apply(delivery, &mut publish);
+        if self.has_room() {
+            let over = if self.port.has_begun_anew() {
+                self.endpoint.close(now_us)
+            } else {
+                self.endpoint.expire(now_us)
+            };
+            if let Some(delivery) = over {
+                self.apply(delivery, &mut publish);
+            }
         }
         // While the control task has not taken its orders, the port keeps the rest.
         let mut has_all = false;
@@ -139,14 +148,16 @@ impl<'a, P: Bytes> HostSide<'a, P> {
     }
 
     /// Sends what is due after a tick: the answer to a `Hello`, then `State`, `Pong`, `Report`. `clock_us` is the
-    /// console's clock now.
-    pub fn send(&mut self, sample: &Sample, clock_us: u64) {
+    /// console's clock now. Returns whether a host was given a `Report`.
+    pub fn send(&mut self, sample: &Sample, clock_us: u64) -> bool {
         self.budget = P::PER_TICK;
         let outbox = &mut self.outbox;
-        self.endpoint
+        let is_told = self
+            .endpoint
             .send(sample, clock_us, |frame| outbox.push(frame));
         let port = &mut self.port;
         self.outbox.flush(|bytes| port.write(bytes));
+        is_told
     }
 
     /// The port, for a board whose bytes come by other ways than interrupts.

@@ -160,6 +160,12 @@ impl ConsoleEndpoint {
         delivery(event)
     }
 
+    /// Closes the session whose line has ended, as by a reset of the bus.
+    pub fn close(&mut self, now_us: u64) -> Option<Delivery> {
+        let event = self.link.close(now_us)?;
+        delivery(event)
+    }
+
     /// A contact that has just come, with its rows.
     pub fn fresh(&self, contact: ValidContact) -> Fresh {
         Fresh::of(contact, self.link.rows())
@@ -184,8 +190,8 @@ impl ConsoleEndpoint {
     }
 
     /// Gives what is due after a tick, in order: the answer to a `Hello`, `State`, `Pong`, `Report`. `clock_us` is the
-    /// console's clock now.
-    pub fn send(&mut self, sample: &Sample, clock_us: u64, mut push: impl FnMut(&[u8])) {
+    /// console's clock now. Returns whether a host was given a `Report`.
+    pub fn send(&mut self, sample: &Sample, clock_us: u64, mut push: impl FnMut(&[u8])) -> bool {
         let report_is_due = self.report_is_due(sample);
         self.reply(sample.now_us, &mut push);
         let mut frame = [0; MAX_FRAME];
@@ -211,7 +217,9 @@ impl ConsoleEndpoint {
             };
             let length = self.link.encode_report(sample.now_us, &report, &mut frame);
             give(&frame, length);
+            return length > 0;
         }
+        false
     }
 
     /// Changes what every report says about this console.

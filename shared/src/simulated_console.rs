@@ -233,7 +233,9 @@ impl SimulatedConsole {
         let clock_us = self.clock_us();
         let mut push = |frame: &[u8]| out.extend(frame.iter().copied());
         match self.sample.take() {
-            Some(sample) => self.endpoint.send(&sample, clock_us, push),
+            Some(sample) => {
+                self.endpoint.send(&sample, clock_us, push);
+            }
             None => self.endpoint.reply(self.board.now_us(), &mut push),
         }
     }

@@ -8,7 +8,7 @@ use proptest::prelude::*;
 use sutura_shared::control::ContactRows;
 use sutura_shared::link::{
     Checks, ConsoleLink, Counters, EXPIRES_AFTER_US, HostEvent, HostLink, Identity, LinkEvent,
-    Mismatch, OWNED_FOR_US, SendError,
+    Mismatch, OWNED_FOR_US, REFUSED_EVERY_US, SendError,
 };
 use sutura_shared::wire::message::{Command, Contact, Hello, Refusal, Report, Simulate, State};
 use sutura_shared::wire::{MAX_FRAME, PROTOCOL_VERSION, Reject, SCHEMA_HASH, Unchecked};
@@ -439,11 +439,16 @@ fn a_late_answer_to_an_earlier_attempt_is_not_taken() {
 
 /// What the console says to a host it does not suit, and what the host makes of it.
 #[track_caller]
-fn mismatch(question: &[u8], console: &mut ConsoleLink, reject: Reject, mut host: HostLink) {
+fn mismatch(
+    question: &[u8],
+    (console, now_us): (&mut ConsoleLink, u64),
+    reject: Reject,
+    mut host: HostLink,
+) {
     let nonce = sample::hello_host().nonce;
     hello(&mut host, nonce);
     let was_open = console.is_open();
-    assert_eq!(feed(console, question), []);
+    assert_eq!(feed_at(console, question, now_us), []);
     assert_eq!(console.counters().last_reject, Some(reject));
     assert_eq!(console.is_open(), was_open, "changes nothing");
     let answer = reply(console).expect("still answers");
@@ -460,16 +465,53 @@ fn whoever_does_not_fit_gets_an_answer_but_no_session() {
     let host = || HostLink::new(1000);
     let mut console = console();
     let schema = host_hello(|h| h.schema_hash ^= 1);
-    mismatch(&schema, &mut console, Reject::Schema, host());
+    mismatch(
+        &schema,
+        (&mut console, NOW_US + 0 * REFUSED_EVERY_US),
+        Reject::Schema,
+        host(),
+    );
     let rate = host_hello(|h| h.tick_hz = 500);
-    mismatch(&rate, &mut console, Reject::TickRate, HostLink::new(500));
+    mismatch(
+        &rate,
+        (&mut console, NOW_US + 1 * REFUSED_EVERY_US),
+        Reject::TickRate,
+        HostLink::new(500),
+    );
     let small = host_hello(|h| h.max_frame = MAX_FRAME as u16 - 1);
-    mismatch(&small, &mut console, Reject::FrameSize, host());
+    mismatch(
+        &small,
+        (&mut console, NOW_US + 2 * REFUSED_EVERY_US),
+        Reject::FrameSize,
+        host(),
+    );
     // An open session survives it.
     feed(&mut console, &host_hello(|_| {}));
     reply(&mut console);
-    mismatch(&schema, &mut console, Reject::Schema, host());
+    mismatch(
+        &schema,
+        (&mut console, NOW_US + 3 * REFUSED_EVERY_US),
+        Reject::Schema,
+        host(),
+    );
     assert!(console.is_open());
+}
+
+/// A host that floods the line with wrong `Hello`s is answered ten times a second, and keeps nobody from a session.
+#[test]
+fn wrong_hellos_are_answered_ten_times_a_second() {
+    let mut console = console();
+    let wrong = host_hello(|h| h.schema_hash ^= 1);
+    let mut answers = 0;
+    for ms in 0..1000 {
+        feed_at(&mut console, &wrong, NOW_US + 1000 * ms);
+        answers += usize::from(reply(&mut console).is_some());
+    }
+    assert_eq!(answers, 10);
+    let right = host_hello(|_| {});
+    let opened = feed_at(&mut console, &right, NOW_US + 1_000_000);
+    assert_eq!(opened, [LinkEvent::SessionOpened]);
+    assert!(reply(&mut console).is_some());
 }
 
 /// A console's reason is passed on where this end finds no difference, and a session's number beside it is none.

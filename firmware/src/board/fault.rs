@@ -1,7 +1,7 @@
 //! Every way in which the program can go wrong ends here: torque off first, then an crash_record for the next
 //! boot, then the board's `end`.
 
-use crate::crash_record::{CrashRecord, Kind, place_of};
+use crate::crash_record::{Age, CrashRecord, Kind, place_of};
 use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
 use cortex_m_rt::exception;
@@ -13,7 +13,7 @@ static mut CRASH_RECORD: MaybeUninit<[u32; 3]> = MaybeUninit::uninit();
 /// Leaves an crash_record and ends the program. The torque must be off already.
 pub fn bury(crash_record: CrashRecord) -> ! {
     cortex_m::interrupt::disable();
-    let words = crash_record.to_words();
+    let words = crash_record.to_words(Age::New);
     if stands("epitaph") {
         // SAFETY: interrupts are off and this never returns: nobody else reads or writes the static.
         unsafe {
@@ -25,16 +25,26 @@ pub fn bury(crash_record: CrashRecord) -> ! {
     super::end(crash_record)
 }
 
-/// Takes the crash_record of the last boot, if any; for use in the initialisation, once.
-pub fn exhume() -> Option<CrashRecord> {
+/// Reads the crash record that no host has been told of, if any, and keeps it; for use in the initialisation, once.
+pub fn exhume() -> Option<(CrashRecord, Age)> {
     let place = (&raw mut CRASH_RECORD).cast::<[u32; 3]>();
     // SAFETY: only called before interrupts are enabled; any bits make an array of integers, and a
     // volatile read takes what the RAM holds.
     unsafe {
-        let crash_record = CrashRecord::from_words(place.read_volatile());
-        place.write_volatile([0; 3]);
-        crash_record
+        let found = CrashRecord::from_words(place.read_volatile());
+        let kept = found.filter(|_| stands("record_kept"));
+        let kept = kept.map(|(crash_record, _)| crash_record.to_words(Age::Kept));
+        place.write_volatile(kept.unwrap_or_default());
+        found
     }
+}
+
+/// Forgets the crash record: a host has been told of it.
+pub fn forget() {
+    let place = (&raw mut CRASH_RECORD).cast::<[u32; 3]>();
+    // SAFETY: the telemetry task alone calls this. A fault handler that interrupts it writes a record of its own and never comes
+    // back: no half of the two is left.
+    unsafe { place.write_volatile([0; 3]) };
 }
 
 #[panic_handler]

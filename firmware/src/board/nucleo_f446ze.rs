@@ -111,6 +111,13 @@ pub fn clocks() -> Config {
     Config::hse(8.MHz()).bypass_hse_oscillator()
 }
 
+/// Starts it.
+pub fn start_crystal(clocks: &pac::RCC) {
+    clocks
+        .cr()
+        .modify(|_, w| w.hsebyp().set_bit().hseon().set_bit());
+}
+
 #[unsafe(link_section = ".uninit.SEEDS")]
 static mut SEEDS: MaybeUninit<[u32; WORDS]> = MaybeUninit::uninit();
 

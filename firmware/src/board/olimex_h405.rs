@@ -61,6 +61,11 @@ pub fn clocks() -> Config {
     Config::hse(8.MHz())
 }
 
+/// Starts it.
+pub fn start_crystal(clocks: &pac::RCC) {
+    clocks.cr().modify(|_, w| w.hseon().set_bit());
+}
+
 /// A number that differs from boot to boot; none if the chip's generator gives none.
 pub fn session_seed(rcc: &mut Rcc) -> Option<u32> {
     pac::RNG::enable(rcc);

@@ -55,7 +55,7 @@ use embedded_hal::pwm::{self, SetDutyCycle};
 use stm32f4xx_hal::gpio::{self, Input, Pull};
 use stm32f4xx_hal::otg_fs::{USB, UsbBus};
 use stm32f4xx_hal::pac::Interrupt;
-use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
+use stm32f4xx_hal::rcc::{Config, Enable, Rcc, Reset};
 use stm32f4xx_hal::watchdog::IndependentWatchdog;
 use stm32f4xx_hal::{pac, prelude::*};
 use sutura_shared::control::{Control, TickInput, TickOutput};
@@ -71,6 +71,8 @@ use usbd_serial::SerialPort;
 
 /// Core clock \[Hz\].
 const CORE_HZ: u32 = 168_000_000;
+/// Frequency of the chip's own oscillator \[Hz\].
+const INTERNAL_HZ: u32 = 16_000_000;
 /// Counts of SysTick in a microsecond: an eighth of the core's clock, so that it goes round in 0.8 s, after both watchdogs.
 const SYSTICK_PER_US: u32 = CORE_HZ / 8 / 1_000_000;
 
@@ -160,6 +162,12 @@ impl<A: Adc> Converter<A> {
     pub(super) fn begin(rcc: &mut Rcc, channel: u32, sampling: Sampling) -> Self {
         A::enable(rcc);
         let converter = A::registers();
+        if stands("converter_clock") {
+            // SAFETY: a field of its own in a register that all converters share; all of them ask for the same.
+            let common = unsafe { &*pac::ADC_COMMON::ptr() };
+            // 84 MHz / 4: at most 36 (DS8626 and DS10693, f_ADC).
+            common.ccr().modify(|_, w| w.adcpre().div4());
+        }
         // SAFETY: documented values of the sampling time of channels 10 to 18, three bits each, and of the sequence's only
         // channel (RM0090, 13.13.4 and 13.13.11).
         unsafe {
@@ -255,6 +263,17 @@ pub fn safe_state() {
     safe_state::safe_state(&mut Registers, NO_CURRENT);
 }
 
+/// Frequency of the core's clock now \[Hz\]: without its crystal the chip has gone on with its own oscillator (RM0090, 7.2.7).
+fn core_hz() -> u32 {
+    // SAFETY: a read without side effects.
+    let clocks = unsafe { (*pac::RCC::ptr()).cfgr().read() };
+    if clocks.sws().is_pll() || !stands("delay_by_clock") {
+        CORE_HZ
+    } else {
+        INTERNAL_HZ
+    }
+}
+
 /// Last act of a fault handler: pulses of no current go on for 20 ms, until no amplifier is on any more, then a reset.
 pub fn end(_: CrashRecord) -> ! {
     if stands("last_feed") {
@@ -266,7 +285,7 @@ pub fn end(_: CrashRecord) -> ! {
                 .write(|w| w.wdga().set_bit().t().set(0x7F))
         };
     }
-    cortex_m::asm::delay(CORE_HZ / 50);
+    cortex_m::asm::delay(core_hz() / 50);
     cortex_m::peripheral::SCB::sys_reset()
 }
 
@@ -402,6 +421,30 @@ pub fn noticed() -> Option<Event> {
     Some(Event::ClocksApart { percent })
 }
 
+pub use super::fault::forget as forget_crash;
+
+/// Before the link's round: torque off if the host resets the bus, which ends its session. The driver then waits for the USB core, with
+/// interrupts masked.
+pub fn before_link() {
+    // SAFETY: a read without side effects.
+    let is_reset = unsafe {
+        (*pac::OTG_FS_GLOBAL::ptr())
+            .gintsts()
+            .read()
+            .usbrst()
+            .bit_is_set()
+    };
+    if is_reset {
+        if stands("bus_reset_stops") {
+            safe_state();
+        }
+        BUS_RESET.store(stands("bus_reset_closes"), Ordering::Relaxed);
+    }
+}
+
+/// The host has reset the bus since the link task last looked.
+static BUS_RESET: AtomicBool = AtomicBool::new(false);
+
 /// Cycle counter of the core.
 pub fn cycles() -> u32 {
     cortex_m::peripheral::DWT::cycle_count()
@@ -511,6 +554,7 @@ pub fn log_line(line: &str) {
 /// Encoders, motors and the amplifiers' lines.
 pub struct Plant {
     clock: TickClock<SYSTICK_PER_US>,
+    has_crystal: bool,
     encoders: (pac::TIM3, pac::TIM4, pac::TIM2),
     counters: [Counter16; 2],
     tick: pac::TIM7,
@@ -574,7 +618,7 @@ impl crate::control_side::Plant for Plant {
             board_fault: sensed.unfit && stands("sensors"),
             amplifiers_unready: !self.amplifiers.take_currents(),
             supply_low,
-            time_base_fault: beat.contradicts,
+            time_base_fault: beat.contradicts || !self.has_crystal,
             overrun,
         }
     }
@@ -653,6 +697,12 @@ impl crate::host_side::Bytes for Port {
     /// 168,000 cycles of a tick.
     const PER_TICK: usize = 768;
 
+    fn has_begun_anew(&mut self) -> bool {
+        let was_reset = BUS_RESET.load(Ordering::Relaxed);
+        BUS_RESET.store(false, Ordering::Relaxed);
+        was_reset
+    }
+
     fn read(&mut self, bytes: &mut [u8]) -> usize {
         self.device.poll(&mut [&mut self.serial, &mut self.log]);
         if self.device.state() == UsbDeviceState::Configured {
@@ -716,7 +766,8 @@ pub fn idle<T>(_: T, guard: &mut Guard, watch: &Watch) -> ! {
     }
 }
 
-/// Switches the supply detector on, at its level 5, and its interrupt.
+/// Switches the supply detector on, at its level 5, waits until the supply is above, and switches its interrupt on. An edge on the way
+/// there is forgotten. The independent watchdog ends a wait that is too long.
 fn watch_supply(rcc: &mut Rcc, power: &pac::PWR, lines: &pac::EXTI) {
     rcc.apb1enr().modify(|_, w| w.pwren().set_bit());
     let level = if stands("supply_threshold") { 5 } else { 0 };
@@ -727,10 +778,42 @@ fn watch_supply(rcc: &mut Rcc, power: &pac::PWR, lines: &pac::EXTI) {
     // SAFETY: one line's bits among those of all; nobody else uses an external interrupt.
     unsafe {
         lines.rtsr().modify(|r, w| w.bits(r.bits() | SUPPLY_LINE));
+    }
+    while supply_is_low() && stands("supply_awaited") {}
+    // SAFETY: as above; writing 1 clears this line's flag and no other (RM0090, 12.3.6).
+    unsafe {
+        lines.pr().write(|w| w.bits(SUPPLY_LINE));
         if stands("supply_interrupt") {
             lines.imr().modify(|r, w| w.bits(r.bits() | SUPPLY_LINE));
         }
     }
+}
+
+/// Boots in a row that ended in the wait for the crystal, and the same inverted.
+#[unsafe(link_section = ".uninit.CRYSTAL_AWAITED")]
+static mut CRYSTAL_AWAITED: MaybeUninit<[u32; 2]> = MaybeUninit::uninit();
+/// Such boots after which the chip starts on its own oscillator.
+const MOST_AWAITED: u32 = 3;
+
+/// Waits for the crystal, under the independent watchdog: false once it has bitten for that three times in a row. USB says then what is wrong,
+/// as far as its clock of one percent allows.
+fn await_crystal(clocks: &pac::RCC) -> bool {
+    let place = (&raw mut CRYSTAL_AWAITED).cast::<[u32; 2]>();
+    // SAFETY: called once, before interrupts are enabled; any bits make an array of integers, and volatile accesses take what the
+    // RAM holds and leave it there.
+    let remember = |count: u32| unsafe { place.write_volatile([count, !count]) };
+    // SAFETY: as above.
+    let [count, inverted] = unsafe { place.read_volatile() };
+    let awaited = if count == !inverted { count } else { 0 };
+    if awaited >= MOST_AWAITED && stands("internal_oscillator") {
+        remember(0);
+        return false;
+    }
+    remember(awaited.saturating_add(1));
+    wiring::start_crystal(clocks);
+    while clocks.cr().read().hserdy().bit_is_clear() {}
+    remember(0);
+    true
 }
 
 /// Sets the board up. Called once, with interrupts off; the first tick is due 1 ms later.
@@ -743,26 +826,53 @@ pub fn start(
     // Before anything that may wait for ever, such as a crystal.
     let mut independent = IndependentWatchdog::new(device.IWDG);
     if stands("watchdog_first") {
-        independent.start(100.millis());
+        let limit = if stands("independent_time") {
+            100
+        } else {
+            30_000
+        };
+        independent.start(limit.millis());
     }
     // The interrupts of all boards' tasks are unmasked.
     NVIC::mask(Interrupt::USART1);
+    // Priorities are the framework's. SAFETY of the two: no task runs yet, and only an image that shows that a test notices has them.
+    if !stands("stop_priority") {
+        unsafe { core.NVIC.set_priority(Interrupt::TIM8_BRK_TIM12, 0xF0) };
+    }
+    if !stands("supply_priority") {
+        unsafe { core.NVIC.set_priority(Interrupt::PVD, 0xF0) };
+    }
 
-    let crash_record = fault::exhume();
+    let found = fault::exhume();
     let csr = device.RCC.csr().read().bits();
     device.RCC.csr().modify(|_, w| w.rmvf().set_bit());
-    let clocks = wiring::clocks()
+    let has_crystal = await_crystal(&device.RCC);
+    let clocks = if has_crystal {
+        wiring::clocks()
+    } else {
+        Config::hsi()
+    };
+    let clocks = clocks
         .sysclk(CORE_HZ.Hz())
         .pclk1(42.MHz())
         .pclk2(84.MHz())
         .require_pll48clk();
     let mut rcc = device.RCC.freeze(clocks);
-    if stands("clock_security") {
+    if has_crystal && stands("clock_security") {
         rcc.cr().modify(|_, w| w.csson().set_bit());
+    }
+    if !has_crystal {
+        defmt::error!(
+            "no crystal: on the internal oscillator, and motors stay off until a reset finds one"
+        );
     }
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
-    core.SYST.set_clock_source(SystClkSource::External);
+    core.SYST.set_clock_source(if stands("time_base_clock") {
+        SystClkSource::External
+    } else {
+        SystClkSource::Core
+    });
     core.SYST.set_reload(0x00FF_FFFF);
     core.SYST.clear_current();
     core.SYST.enable_counter();
@@ -796,7 +906,8 @@ pub fn start(
     pac::TIM8::reset(&mut rcc);
     let pwm = device.TIM8;
     pwm.psc().write(|w| w.psc().set(TIMER.prescaler));
-    pwm.arr().write(|w| w.arr().set(TIMER.period - 1));
+    let halved = if stands("pulse_rate") { 1 } else { 2 };
+    pwm.arr().write(|w| w.arr().set(TIMER.period / halved - 1));
     pwm.ccmr1_output().write(|w| {
         w.oc1m()
             .pwm_mode1()
@@ -823,7 +934,6 @@ pub fn start(
         safe_state();
     }
     pwm.egr().write(|w| w.ug().set_bit());
-    pwm.cr1().write(|w| w.arpe().set_bit().cen().set_bit());
     let (motor_1, motor_2, motor_3, enable) = wired.motors;
     let _pwm_pins = (
         motor_1.into_alternate::<3>(),
@@ -834,17 +944,18 @@ pub fn start(
 
     // Encoders, with an input filter of 8 samples at 84 MHz, which swallows spikes up to 95 ns.
     let (encoder_1, encoder_2, encoder_3) = wired.encoders;
+    let filter = if stands("encoder_filter") { 3 } else { 0 };
     // SAFETY: 3 = eight samples of the timer's clock, a documented value of both fields (RM0090, 18.4.7).
     unsafe {
         encoder_1
             .ccmr1_input()
-            .modify(|_, w| w.ic1f().bits(3).ic2f().bits(3));
+            .modify(|_, w| w.ic1f().bits(filter).ic2f().bits(filter));
         encoder_2
             .ccmr1_input()
-            .modify(|_, w| w.ic1f().bits(3).ic2f().bits(3));
+            .modify(|_, w| w.ic1f().bits(filter).ic2f().bits(filter));
         encoder_3
             .ccmr1_input()
-            .modify(|_, w| w.ic1f().bits(3).ic2f().bits(3));
+            .modify(|_, w| w.ic1f().bits(filter).ic2f().bits(filter));
     }
 
     // Without one the host's nonce alone has to do.
@@ -891,12 +1002,12 @@ pub fn start(
         let window = device.WWDG;
         // 42 MHz / 4096 / 8: 64 steps are 49.9 ms; the early interrupt comes one step before.
         window.cfr().write(|w| {
-            w.ewi()
-                .bit(stands("watchdog_warns"))
-                .wdgtb()
-                .div8()
-                .w()
-                .set(0x7F)
+            let w = w.ewi().bit(stands("watchdog_warns")).w().set(0x7F);
+            if stands("window_time") {
+                w.wdgtb().div8()
+            } else {
+                w.wdgtb().div1()
+            }
         });
         if stands("window_watchdog") {
             window.cr().write(|w| w.wdga().set_bit().t().set(0x7F));
@@ -923,14 +1034,18 @@ pub fn start(
     pac::TIM7::reset(&mut rcc);
     let tick = device.TIM7;
     tick.psc().write(|w| w.psc().set(83));
-    tick.arr().write(|w| w.arr().set(999));
+    let period = if stands("tick_period") { 1000 } else { 2000 };
+    tick.arr().write(|w| w.arr().set(period - 1));
     tick.egr().write(|w| w.ug().set_bit());
     tick.sr().write(|w| w.uif().clear_bit());
     tick.dier().write(|w| w.uie().set_bit());
+    // One after the other, with interrupts off: a tick comes at the same place of a pulse in every boot.
+    pwm.cr1().write(|w| w.arpe().set_bit().cen().set_bit());
     tick.cr1().write(|w| w.cen().set_bit());
 
     let plant = Plant {
         clock: TickClock::new(SYST::get_current()),
+        has_crystal,
         encoders: (encoder_1, encoder_2, encoder_3),
         counters: [Counter16::default(); 2],
         tick,
@@ -945,8 +1060,8 @@ pub fn start(
         port,
         guard,
         Boot {
-            reset_cause: reset_cause(csr, crash_record),
-            crash_record,
+            reset_cause: reset_cause(csr, found.map(|(_, age)| age)),
+            crash_record: found.map(|(crash_record, _)| crash_record),
             seed,
             #[cfg(feature = "mutants")]
             without,

@@ -21,7 +21,8 @@ pub const WWDG_CR: u32 = 0x4000_2C00;
 pub const WWDG_WARNS: (u32, u32) = (0x4000_2C04, 1 << 9);
 const IWDG_KR: u32 = 0x4000_3000;
 const PWR_CSR: u32 = 0x4000_7004;
-const TIM8: u32 = 0x4001_0400;
+/// First control register of the pulses' timer.
+pub const TIM8: u32 = 0x4001_0400;
 const TIM8_DIER: u32 = 0x4001_040C;
 const TIM8_SR: u32 = 0x4001_0410;
 const TIM8_CCMR2: u32 = 0x4001_041C;
@@ -34,6 +35,7 @@ pub const GPIOB_IDR: u32 = 0x4002_0410;
 const GPIOC_IDR: u32 = 0x4002_0810;
 const GPIOC_BSRR: u32 = 0x4002_0818;
 const RCC_CR: u32 = 0x4002_3800;
+const RCC_PLLCFGR: u32 = 0x4002_3804;
 const RCC_CFGR: u32 = 0x4002_3808;
 const RCC_CSR: u32 = 0x4002_3874;
 const FLASH_OPTCR: u32 = 0x4002_3C14;
@@ -48,6 +50,7 @@ pub const AIRCR: u32 = 0xE000_ED0C;
 
 const HSE_ON: u32 = 1 << 16;
 const PLL_ON: u32 = 1 << 24;
+const PLL_READY: u32 = 1 << 25;
 /// Key, and the request, of a reset by software.
 pub const RESET_REQUEST: u32 = 0x05FA_0004;
 
@@ -180,8 +183,12 @@ pub struct Chip {
     pub watchdog_by_option: bool,
     /// Brown-out level in the option bytes, `BOR_LEV`: 0 is level 3, as consoles have it; 3 is off, as chips come.
     pub brown_out: u32,
-    /// Reads of the clock control while the crystal does not swing.
-    pub waits_for_crystal: u32,
+    /// Reads of the clock control while the crystal does not swing, and of the supply's detector while it finds it low, in a start.
+    pub waits: u32,
+    /// Writes so far, and the number of each that has started a timer, by its control register.
+    writes: u64,
+    /// As above.
+    pub started: BTreeMap<u32, u64>,
     /// The core's cycle counter, as it was last read.
     pub cycles: u32,
     stored: BTreeMap<u32, u32>,
@@ -227,7 +234,9 @@ impl Chip {
             starts: true,
             watchdog_by_option: false,
             brown_out: 0,
-            waits_for_crystal: 0,
+            waits: 0,
+            writes: 0,
+            started: BTreeMap::new(),
             cycles: 0,
             stored: BTreeMap::new(),
             systick: 0x00FF_0000,
@@ -249,7 +258,7 @@ impl Chip {
         self.starts = true;
         self.watchdog_runs = self.watchdog_by_option;
         self.window_runs = false;
-        self.waits_for_crystal = 0;
+        self.waits = 0;
         self.tripped = false;
         self.tick_due = false;
         self.levels = 0;
@@ -294,8 +303,12 @@ impl Chip {
             GPIOB_IDR => bit(self.lines.ready, 9),
             GPIOC_IDR if self.lines.jumpers => bit(self.outputs().enable, 9),
             RCC_CR => self.oscillators(),
-            // The switch obeys at once.
-            RCC_CFGR => self.stored(address) & !0xC | (self.stored(address) & 3) << 2,
+            // The switch obeys at once; a PLL that has lost its crystal gives way to the internal oscillator (RM0090, 7.2.7).
+            RCC_CFGR => {
+                let runs = self.oscillators() & PLL_READY != 0;
+                let from = if runs { self.stored(address) & 3 } else { 0 };
+                self.stored(address) & !0xC | from << 2
+            }
             RNG_SR if self.board.draws() => 1,
             RNG_DR if self.board.draws() => RANDOM,
             CHIP_ID..0x1FFF_7A1C => ID[(address - CHIP_ID) as usize / 4],
@@ -311,8 +324,9 @@ impl Chip {
         match address {
             OTG..0x5004_0000 => return self.usb.read(address - OTG),
             RCC_CR if self.stored(RCC_CR) & HSE_ON != 0 && !self.lines.crystal => {
-                self.waits_for_crystal += 1;
+                self.waits += 1;
             }
+            PWR_CSR if self.starts && self.lines.supply_low => self.waits += 1,
             DWT_CYCCNT => {
                 self.cycles = match self.lines.cycle_counter {
                     CycleCounter::Stands => 0,
@@ -334,8 +348,12 @@ impl Chip {
         if let Some(fitted) = &mut self.fitted {
             fitted.write(address, value, self.lines.encoder_counts[2]);
         }
+        self.writes += 1;
         match address {
             OTG..0x5004_0000 => return self.usb.write(address - OTG, value),
+            TIM7_CR1 | TIM8 if value & 1 != 0 => {
+                self.started.insert(address, self.writes);
+            }
             TIM7_SR => self.tick_due = self.lines.ticks_late,
             // Cleared by writing 0; an open line sets it again.
             TIM8_SR => self.tripped &= value & 1 << 7 != 0 || self.stop_open,
@@ -480,8 +498,10 @@ impl Chip {
     }
 
     /// Registers that change by themselves once the image has started, USB apart.
-    fn alive(&self) -> [u32; 6] {
-        [GPIOA_IDR, GPIOB_IDR, GPIOC_IDR, PWR_CSR, TIM8_SR, TIM7_SR]
+    fn alive(&self) -> [u32; 7] {
+        [
+            GPIOA_IDR, GPIOB_IDR, GPIOC_IDR, PWR_CSR, TIM8_SR, TIM7_SR, RCC_CFGR,
+        ]
     }
 
     /// Levels of port C change: what the jumpers make of them. An encoder counts up where A leads B (RM0090, 18.3.12).
@@ -526,10 +546,12 @@ impl Chip {
     fn oscillators(&self) -> u32 {
         let value = self.stored(RCC_CR);
         let crystal = value & HSE_ON != 0 && self.lines.crystal;
+        // The PLL's source (PLLCFGR, PLLSRC).
+        let from_internal = self.stored(RCC_PLLCFGR) & 1 << 22 == 0;
         let bit = |set, at: u32| if set { 1 << at } else { 0 };
         value & !(1 << 17 | 1 << 25)
             | bit(crystal, 17)
-            | bit(value & PLL_ON != 0 && crystal, 25)
+            | bit(value & PLL_ON != 0 && (crystal || from_internal), 25)
             | 1 << 1
     }
 }

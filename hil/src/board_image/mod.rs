@@ -28,7 +28,8 @@ mod usb_host;
 
 pub use board::Board;
 pub use chip::{
-    Chip, CycleCounter, EXTI0, Feeds, ID, LOADER, Lines, OTG_FS, Outputs, RANDOM, reset,
+    Chip, CycleCounter, EXTI0, Feeds, ID, LOADER, Lines, OTG_FS, Outputs, RANDOM, TIM7_CR1, TIM8,
+    reset,
 };
 pub use error::BoardImageError;
 pub use fitted::Fitted;
@@ -38,12 +39,13 @@ pub use otg::Otg;
 pub use provenance::{Provenance, default_image, default_selftest, provenance};
 pub use usb_host::Descriptors;
 
-use chip::{GPIOB_IDR, TIM7, TIM7_CR1, WWDG_CR, WWDG_WARNS};
+use chip::{GPIOB_IDR, TIM7, WWDG_CR, WWDG_WARNS};
 use connection::{PC, STATUS};
 use processor::{Processor, Stop};
 use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
+use unimplemented::is_lacking;
 
 /// Interrupt set-enable registers, set-pending registers, and the one with the NMI's bit.
 const NVIC_ISER: u32 = 0xE000_E100;
@@ -229,6 +231,15 @@ impl BoardImage {
         self.counted_ns = now_ns;
         let done = std::mem::take(&mut self.processor.done);
         Ok(passed_ns / NS_PER_INSTRUCTION + done)
+    }
+
+    /// The emulator's clock, wherever the image stands \[instructions\]; differences of an image that was powered up with
+    /// [`BoardImage::power_up_counting`], in which [`BoardImage::instructions`] has been asked for.
+    ///
+    /// # Errors
+    /// [`BoardImageError`].
+    pub fn instructions_so_far(&mut self) -> Result<u32, BoardImageError> {
+        Ok(self.processor.connection.word(TIM5_CNT)? / NS_PER_INSTRUCTION)
     }
 
     /// What the run has cost: a line for people.
@@ -494,6 +505,18 @@ impl BoardImage {
         let register = NVIC_ISER + 4 * (u32::from(number) / 32);
         let word = self.processor.connection.word(register)?;
         Ok(word & 1 << (number % 32) != 0)
+    }
+
+    /// Word of a register, be it the stand-in's or the emulator's.
+    ///
+    /// # Errors
+    /// [`BoardImageError`].
+    pub fn register(&mut self, address: u32) -> Result<u32, BoardImageError> {
+        if is_lacking(address) {
+            Ok(self.chip.peek(address))
+        } else {
+            self.processor.connection.word(address)
+        }
     }
 
     fn begin_tick(&mut self) {

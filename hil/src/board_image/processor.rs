@@ -27,8 +27,8 @@ const WAITING_CODE: [u32; 4] = [0xE7FF_6001, 0xE7FF_E7FF, 0xE7FF_E7FF, 0xBF00_49
 const SEAT: u32 = WAITING_ROOM + 12;
 const LOADED: u32 = WAITING_ROOM + 16;
 
-/// Polls of a crystal that never swings, after which the watchdog's time is up.
-const CRYSTAL_POLLS: u32 = 200;
+/// Polls of a crystal that never swings, or of a supply that stays low, after which the watchdog's time is up.
+const MOST_POLLS: u32 = 200;
 /// Accesses that an error tells of.
 const KEPT: usize = 8;
 /// Accesses that one stop does at most: those of two packets, or of a loop that waits; and instructions between two of them.
@@ -157,7 +157,7 @@ impl Processor {
                 _ => {}
             }
             self.go_on(chip, access, registers, until)?;
-            if chip.waits_for_crystal > CRYSTAL_POLLS {
+            if chip.waits > MOST_POLLS {
                 return Err(match chip.watchdog_runs {
                     true => BoardImageError::Reset,
                     false => BoardImageError::Unguarded,

@@ -250,12 +250,27 @@ pub(super) fn encoders_out_of_reach_are_a_fault(on: On) {
 on_each_board!(periods_that_an_interrupt_swallowed_are_counted);
 pub(super) fn periods_that_an_interrupt_swallowed_are_counted(on: On) {
     let mut bench = Bench::start(on);
-    let mut times = Vec::new();
-    for periods in [1, 3, 1] {
+    let (mut times, mut speeds) = (Vec::new(), Vec::new());
+    // 40 counts a period, along z.
+    for periods in [1; 100].into_iter().chain([3, 1]) {
         bench.board.chip().lines.systick_per_tick = 21_000 * periods;
-        bench.tick();
+        bench.board.chip().lines.encoder_counts[2] += 40 * periods as i32;
+        let state = bench.tick();
+        speeds.push(state.velocity_m_per_s[2]);
         times.push(bench.state.unwrap().0);
     }
-    assert_eq!([times[1] - times[0], times[2] - times[1]], [3000, 1000]);
+    assert_eq!(
+        [times[100] - times[99], times[101] - times[100]],
+        [3000, 1000]
+    );
+    // A period that nobody has seen is no speed.
+    let steady = speeds[99];
+    assert!(steady != 0.0);
+    for speed in &speeds[100..] {
+        assert!(
+            (speed - steady).abs() < 0.01 * steady.abs(),
+            "{speed} m/s of {steady}"
+        );
+    }
     bench.say_speed("swallowed periods");
 }

@@ -1,6 +1,6 @@
 //! The cable: enumeration, `Hello`, and a line that is flooded.
 
-use super::{Bench, DARK, On, TAKEN};
+use super::{Bench, DARK, NO_CURRENT, On, TAKEN};
 use sutura_hil::board_image::{ID, reset};
 use sutura_shared::link::HostLink;
 use sutura_shared::wire::message::{Command, Contact, Hello, Mode, Ping, Refusal};
@@ -10,6 +10,39 @@ use sutura_shared::wire::{MAX_FRAME, SCHEMA_HASH, Unchecked, decode, encode};
 const GPIOC_MODER: u32 = 0x4002_0800;
 const GPIOC_AFRL: u32 = 0x4002_0820;
 const GPIOC_AFRH: u32 = 0x4002_0824;
+
+on_each_board!(a_reset_of_the_bus_takes_the_torque_off_and_ends_the_session);
+/// Torque off first of all: the driver waits for the USB core then, with interrupts masked. A new host finds the console at rest, and no fault.
+pub(super) fn a_reset_of_the_bus_takes_the_torque_off_and_ends_the_session(on: On) {
+    let mut bench = Bench::start(on);
+    bench.push();
+    bench.changes();
+    bench.board.chip().usb.signal_reset();
+    bench.board.serve().unwrap();
+    let changes = bench.changes();
+    assert!(
+        changes
+            .first()
+            .is_some_and(|o| !o.enable && o.duty[2] != NO_CURRENT),
+        "{changes:?}"
+    );
+    assert_eq!(bench.outputs().duty, [NO_CURRENT; 3]);
+    // The tick that disarms, and those after it.
+    for _ in 0..30 {
+        bench.board.chip().lines.encoder_counts[2] -= 1;
+        bench.board.tick().unwrap();
+        assert_eq!(bench.outputs().duty, [NO_CURRENT; 3]);
+    }
+    assert_eq!(bench.outputs(), DARK);
+    bench.compares = false;
+    bench.board.enumerate().unwrap();
+    bench.host = HostLink::new(1000);
+    bench.hello = None;
+    bench.say_hello();
+    let state = bench.tick();
+    assert_eq!((state.mode, state.faults), (Mode::Idle, 0));
+    bench.say_speed("a reset of the bus");
+}
 
 on_each_board!(the_image_boots_enumerates_and_answers_with_its_names);
 pub(super) fn the_image_boots_enumerates_and_answers_with_its_names(on: On) {
@@ -158,6 +191,29 @@ on_each_board!(a_host_with_other_messages_gets_no_session);
 pub(super) fn a_host_with_other_messages_gets_no_session(on: On) {
     let mut board = on.start();
     board.enumerate().unwrap();
+    board.send(&wrong_hello());
+    (0..3).for_each(|_| board.tick().unwrap());
+    assert_eq!(
+        answers(&board.take()),
+        [(0, Refusal::Schema)],
+        "no session, and why"
+    );
+}
+
+on_each_board!(wrong_hellos_are_answered_ten_times_a_second);
+pub(super) fn wrong_hellos_are_answered_ten_times_a_second(on: On) {
+    let mut board = on.start();
+    board.enumerate().unwrap();
+    for _ in 0..300 {
+        board.send(&wrong_hello());
+        board.tick().unwrap();
+    }
+    let answers = answers(&board.take()).len();
+    assert!((3..=4).contains(&answers), "{answers} in 300 ms");
+}
+
+/// A host's first frame, with other messages than this console's.
+fn wrong_hello() -> Vec<u8> {
     let mut frame = [0; MAX_FRAME];
     let hello = Hello {
         schema_hash: SCHEMA_HASH ^ 1,
@@ -170,13 +226,15 @@ pub(super) fn a_host_with_other_messages_gets_no_session(on: On) {
         refusal: Refusal::None,
     };
     let length = encode(0, 0, 0, &hello, &mut frame).unwrap();
-    board.send(&[0]);
-    board.send(&frame[..length]);
-    (0..3).for_each(|_| board.tick().unwrap());
-    let up = board.take();
+    let mut bytes = vec![0];
+    bytes.extend_from_slice(&frame[..length]);
+    bytes
+}
+
+/// Sessions and refusals of all answers.
+fn answers(up: &[u8]) -> Vec<(u32, Refusal)> {
     let frames = up.split(|byte| *byte == 0).filter(|f| !f.is_empty());
-    let answers: Vec<_> = frames.map(|stuffed| answer(stuffed).unwrap()).collect();
-    assert_eq!(answers, [(0, Refusal::Schema)], "no session, and why");
+    frames.map(|stuffed| answer(stuffed).unwrap()).collect()
 }
 
 /// Session and refusal of a `Hello`.

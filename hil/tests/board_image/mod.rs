@@ -24,6 +24,7 @@ mod loader;
 mod log;
 mod mutants;
 mod pins;
+mod registers;
 mod resets;
 mod selftest;
 mod sessions;
@@ -289,6 +290,11 @@ impl Bench {
                 ..TickInput::default()
             });
         }
+        self.say_hello();
+    }
+
+    /// A host's first frame, for the next tick.
+    fn say_hello(&mut self) {
         let mut frame = [0; MAX_FRAME];
         let length = self.host.hello(7, &mut frame).unwrap();
         self.down.push(0);

@@ -2,7 +2,7 @@
 //!
 //! The image is one of its own (`sutura-mutants-BOARD`), with a switch in RAM; the one that is shipped has none.
 
-use super::{On, fitted, guards, link, loader, log, pins, resets, sessions, traffic};
+use super::{On, fitted, guards, link, loader, log, pins, registers, resets, sessions, traffic};
 use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -64,11 +64,14 @@ checks! {
         guards::a_supply_that_is_low_is_seen_by_the_tick_alone: supply_level;
         guards::clocks_that_contradict_each_other_are_a_fault_in_the_third_tick: time_base;
         guards::ticks_that_take_longer_than_their_period_are_a_fault_in_the_third: overrun;
-        guards::periods_that_an_interrupt_swallowed_are_counted: lost_periods;
+        guards::periods_that_an_interrupt_swallowed_are_counted: lost_periods swallowed_ticks;
         guards::an_encoder_that_jumps_is_a_fault: encoder_jump;
         guards::a_grip_that_is_too_fast_is_a_fault: overspeed;
         guards::encoders_out_of_reach_are_a_fault: out_of_reach;
         link::a_flooded_line_costs_no_tick_and_no_watchdog: link_masked room_for_orders;
+        link::a_reset_of_the_bus_takes_the_torque_off_and_ends_the_session:
+            bus_reset_stops bus_reset_closes;
+        link::wrong_hellos_are_answered_ten_times_a_second: refusals_apart;
         link::a_new_session_finds_the_console_disarmed: disarm;
         link::a_session_in_which_nothing_comes_for_a_second_is_over: expiry;
         link::a_host_with_other_messages_gets_no_session: schema;
@@ -87,8 +90,16 @@ checks! {
         resets::a_task_that_hangs_with_interrupts_off_ends_in_the_window_watchdog: window_watchdog;
         resets::a_link_task_that_is_called_no_more_ends_in_the_window_watchdog: link_watched;
         resets::a_control_task_that_is_called_no_more_ends_in_the_window_watchdog: control_watched;
+        registers::every_rate_time_out_filter_and_priority_is_what_the_book_says:
+            tick_period pulse_rate independent_time window_time time_base_clock encoder_filter
+            stop_priority supply_priority;
         resets::a_crystal_that_fails_takes_the_torque_off_and_resets_again_and_again:
-            clock_security exception_stops;
+            clock_security exception_stops record_kept;
+        resets::after_a_crystal_has_failed_pulses_go_on_for_20_ms_by_the_clock_that_is_left:
+            delay_by_clock;
+        resets::without_a_crystal_for_three_boots_it_starts_and_says_so_and_never_arms:
+            internal_oscillator;
+        resets::a_start_waits_for_the_supply_under_a_watchdog: supply_awaited;
         resets::a_crystal_that_never_swings_is_waited_for_under_a_watchdog: watchdog_first;
         resets::a_program_that_runs_astray_takes_the_torque_off_and_says_where: hard_fault_stops;
         sessions::pulses_come_20_ms_before_enable_and_go_20_ms_after:
@@ -104,6 +115,7 @@ checks! {
             rubs residual swing bend along credit power;
     }
     NUCLEO_F446ZE {
+        registers::converters_run_within_their_limit: converter_clock;
         fitted::a_motors_supply_that_is_unfit_under_power_is_a_fault: motor_supply;
         fitted::sensors_that_are_broken_or_hot_are_a_fault: sensors;
     }

@@ -1,7 +1,7 @@
 //! What the image makes of the chip's pins, its motor timer and its supply detector, as their registers have it once a board has started.
 
 use super::{Board, On};
-use sutura_hil::board_image::Chip;
+use sutura_hil::board_image::{Chip, TIM7_CR1, TIM8};
 
 /// Ports that an image sets up, and where their registers begin.
 const PORTS: [(char, u32); 5] = [
@@ -134,6 +134,14 @@ fn pulses_come_as_often_as_the_amplifier_takes_them(on: On) {
     let mut board = on.start();
     let counts = [TIM8_PSC, TIM8_ARR].map(|register| board.chip().stored(register) + 1);
     assert_eq!(168_000_000 / (counts[0] * counts[1]), 4000, "{counts:?}");
+}
+
+on_each_board!(a_tick_comes_at_the_same_place_of_a_pulse_in_every_boot);
+/// Both timers are started one right after the other, with interrupts off; their rates are in [`super::registers`].
+fn a_tick_comes_at_the_same_place_of_a_pulse_in_every_boot(on: On) {
+    let mut board = on.start();
+    let started = &board.chip().started;
+    assert_eq!(started[&TIM7_CR1], started[&TIM8] + 1, "{started:?}");
 }
 
 on_each_board!(no_interrupt_is_let_in_but_those_of_the_boards_own_tasks);

@@ -2,9 +2,11 @@
 
 use super::{Bench, DARK, NO_CURRENT, On};
 use sutura_hil::board_image::{ASTRAY, BoardImage, BoardImageError, EXTI0, OTG_FS, reset};
-use sutura_shared::wire::message::Ping;
+use sutura_shared::wire::faults;
+use sutura_shared::wire::message::{Command, Mode, Ping};
 
 /// Numbers of `Report::reset_cause` and `Report::epitaph_kind`.
+const BY_SOFTWARE: u8 = 3;
 const BY_WATCHDOG: u8 = 4;
 const BY_FAULT_HANDLER: u8 = 5;
 const HARD_FAULT: u8 = 2;
@@ -88,10 +90,67 @@ pub(super) fn a_crystal_that_fails_takes_the_torque_off_and_resets_again_and_aga
     assert!(board.chip().watchdog_runs && !board.chip().outputs().enable);
     assert!(is_reset(&board.boot_again(reset::INDEPENDENT_WATCHDOG)));
     board.chip().lines.crystal = true;
-    let (board, told) = told(on, board, reset::INDEPENDENT_WATCHDOG);
-    // What the handler left was read by the first of those boots.
-    assert_eq!(told, (BY_WATCHDOG, 0, 0));
+    let (board, first) = told(on, board, reset::INDEPENDENT_WATCHDOG);
+    // What the handler left outlives those boots, until a host has been told.
+    assert_eq!(first, (BY_WATCHDOG, EXCEPTION, -14_i32 as u32));
+    let (board, second) = told(on, board, reset::SOFTWARE);
+    assert_eq!(second, (BY_SOFTWARE, 0, 0));
     eprintln!("crystal: {}", board.speed());
+}
+
+on_each_board!(after_a_crystal_has_failed_pulses_go_on_for_20_ms_by_the_clock_that_is_left);
+/// 16 MHz: a wait for 20 ms of 168 would be 210 ms, and the watchdog would bite first.
+pub(super) fn after_a_crystal_has_failed_pulses_go_on_for_20_ms_by_the_clock_that_is_left(on: On) {
+    let mut board = on.power_up_counting();
+    board.boot().unwrap_or_else(|error| panic!("{error}"));
+    board.instructions().unwrap();
+    let before = board.instructions_so_far().unwrap();
+    assert!(is_reset(&board.lose_crystal().map(|_| ())));
+    let took = board.instructions_so_far().unwrap().wrapping_sub(before);
+    // The wait's loop is an instruction a cycle: 320,000 of them.
+    assert!((300_000..400_000).contains(&took), "{took} instructions");
+}
+
+on_each_board!(without_a_crystal_for_three_boots_it_starts_and_says_so_and_never_arms);
+/// On the chip's own oscillator, with the fault that clocks have; the next boot that finds the crystal is as any other.
+pub(super) fn without_a_crystal_for_three_boots_it_starts_and_says_so_and_never_arms(on: On) {
+    let mut board = on.power_up();
+    board.chip().lines.crystal = false;
+    assert!(is_reset(&board.boot()));
+    for _ in 0..2 {
+        assert!(is_reset(&board.boot_again(reset::INDEPENDENT_WATCHDOG)));
+    }
+    let fourth = board.boot_again(reset::INDEPENDENT_WATCHDOG);
+    fourth.unwrap_or_else(|error| panic!("{error}"));
+    // The time base's fault is no part of what a state says of its inputs: the twin has no such board.
+    let mut bench = Bench::of(on, board);
+    bench.compares = false;
+    bench.open();
+    bench.say(&Command::Arm);
+    for _ in 0..40 {
+        let state = bench.tick();
+        assert_eq!((state.mode, state.faults), (Mode::Fault, faults::TIME_BASE));
+    }
+    bench.say(&Command::ClearFault);
+    assert_eq!(bench.tick().faults, faults::TIME_BASE);
+    assert!(!bench.outputs().enable && !bench.outputs().pulses);
+    let mut board = bench.board;
+    board.chip().lines.crystal = true;
+    let (board, told) = told(on, board, reset::SOFTWARE);
+    assert_eq!(told, (BY_SOFTWARE, 0, 0));
+    eprintln!("own oscillator: {}", board.speed());
+}
+
+on_each_board!(a_start_waits_for_the_supply_under_a_watchdog);
+pub(super) fn a_start_waits_for_the_supply_under_a_watchdog(on: On) {
+    let mut board = on.power_up();
+    board.chip().lines.supply_low = true;
+    let booted = board.boot();
+    assert!(is_reset(&booted), "{booted:?}");
+    board.chip().lines.supply_low = false;
+    let (board, told) = told(on, board, reset::INDEPENDENT_WATCHDOG);
+    assert_eq!(told, (BY_WATCHDOG, 0, 0));
+    eprintln!("supply awaited: {}", board.speed());
 }
 
 on_each_board!(an_nmi_leaves_its_number);

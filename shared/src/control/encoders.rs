@@ -68,8 +68,8 @@ impl Encoders {
         self.previous.is_some()
     }
 
-    /// Takes this tick's counts. After a jump the velocity starts again from 0.
-    pub fn read(&mut self, counts: &[i32; JOINTS]) -> Joints {
+    /// Takes this tick's counts, so many `ticks` after the last ones. After a jump the velocity starts again from 0.
+    pub fn read(&mut self, counts: &[i32; JOINTS], ticks: u32) -> Joints {
         let previous = self.previous.unwrap_or(*counts);
         let mut position = [0.0; JOINTS];
         let mut velocity = [0.0; JOINTS];
@@ -82,7 +82,10 @@ impl Encoders {
         {
             *q = now.wrapping_sub(joint.zero_counts) as f32 * joint.unit_per_count;
             let moved = now.wrapping_sub(*before);
-            jumped |= moved.unsigned_abs() > joint.max_counts;
+            jumped |= moved.unsigned_abs() > joint.max_counts.saturating_mul(ticks);
+            for _ in 1..ticks {
+                joint.velocity.coast();
+            }
             *way = moved as f32 * joint.unit_per_count;
             let per_tick = joint.velocity.update(moved as f32);
             *speed = per_tick * joint.unit_per_count * (1.0 / TICK_S);
@@ -161,13 +164,13 @@ mod tests {
         };
         assert_eq!(device.validate(), Ok(()));
         let mut encoders = Encoders::new(&device);
-        encoders.read(&[0; JOINTS]);
-        assert!(!encoders.read(&[1_000_000; JOINTS]).jumped);
+        encoders.read(&[0; JOINTS], 1);
+        assert!(!encoders.read(&[1_000_000; JOINTS], 1).jumped);
     }
 
     #[test]
     fn counts_become_coordinates_from_zero_and_with_sign() {
-        let joints = encoders().read(&[150, 150, 50]);
+        let joints = encoders().read(&[150, 150, 50], 1);
         assert!((joints.position[0] - 1e-3).abs() < 1e-9);
         assert!((joints.position[1] + 1e-3).abs() < 1e-9);
         assert_eq!(joints.position[2], 0.0);
@@ -181,7 +184,7 @@ mod tests {
         let mut worst = 0.0_f32;
         for tick in 0..1000 {
             let counts = (f64::from(tick) * 23.45).floor() as i32;
-            let joints = encoders.read(&[counts, counts, 0]);
+            let joints = encoders.read(&[counts, counts, 0], 1);
             if tick > 40 {
                 worst = max(worst, (joints.velocity[0] - 0.2345).abs());
                 worst = max(worst, (joints.velocity[1] + 0.2345).abs());
@@ -196,25 +199,25 @@ mod tests {
     fn a_jump_is_one_count_more_than_the_fastest_motion() {
         for (counts, jumped) in [(201, false), (202, true), (-201, false), (-202, true)] {
             let mut encoders = encoders();
-            encoders.read(&[0; 3]);
-            let joints = encoders.read(&[0, counts, 0]);
+            encoders.read(&[0; 3], 1);
+            let joints = encoders.read(&[0, counts, 0], 1);
             assert_eq!(joints.jumped, jumped, "{counts}");
             assert_eq!(joints.velocity == [0.0; 3], jumped);
             assert_eq!(joints.moved == [0.0; 3], jumped);
             // From there on it is believed again.
-            assert!(!encoders.read(&[0, counts, 0]).jumped);
+            assert!(!encoders.read(&[0, counts, 0], 1).jumped);
         }
     }
 
     #[test]
     fn counters_may_wrap_around() {
         let mut encoders = encoders();
-        encoders.read(&[i32::MAX - 50, 0, 0]);
-        let joints = encoders.read(&[i32::MIN + 49, 0, 0]);
+        encoders.read(&[i32::MAX - 50, 0, 0], 1);
+        let joints = encoders.read(&[i32::MIN + 49, 0, 0], 1);
         assert!(!joints.jumped);
         assert!((joints.moved[0] - 1e-3).abs() < 1e-8 && joints.velocity[0] > 0.4);
         // The greatest jump there is.
-        assert!(encoders.read(&[i32::MIN + 49, i32::MIN, 0]).jumped);
+        assert!(encoders.read(&[i32::MIN + 49, i32::MIN, 0], 1).jumped);
     }
 
     fn max(a: f32, b: f32) -> f32 {

@@ -20,7 +20,13 @@ pub(super) struct Velocity {
 }
 
 impl Velocity {
-    /// Takes the counts that the joint moved since the last tick; the velocity \[counts/tick\].
+    /// Goes on by a tick that nobody has read: the prediction alone.
+    pub fn coast(&mut self) {
+        self.ahead += self.velocity + 0.5 * self.acceleration;
+        self.velocity += self.acceleration;
+    }
+
+    /// Takes the counts that the joint moved since the last reading; the velocity \[counts/tick\].
     pub fn update(&mut self, moved: f32) -> f32 {
         let [position, velocity, acceleration] = GAINS;
         let foretold = self.ahead + self.velocity + 0.5 * self.acceleration - moved;

@@ -3,6 +3,7 @@
 
 use super::endpoint::{Checks, Counters, Endpoint, Received};
 use crate::control::ContactRows;
+use crate::mutant::stands;
 use crate::wire::message::{Command, Hello, Ping, Pong, Refusal, Report, State};
 use crate::wire::{
     Checked, Direction, MAX_FRAME, Message, Reject, SCHEMA_HASH, ValidCommand, ValidContact,
@@ -13,6 +14,8 @@ use crate::wire::{
 pub const OWNED_FOR_US: u64 = 300_000;
 /// How long after the last frame of its host a session is closed \[us\].
 pub const EXPIRES_AFTER_US: u64 = 1_000_000;
+/// Least time between two answers to a `Hello` that opens nothing \[us\]: a host that floods the line with them is left without.
+pub const REFUSED_EVERY_US: u64 = 100_000;
 
 /// What a console says of itself in its `Hello`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,6 +63,8 @@ pub struct ConsoleLink {
     seed: u32,
     hellos: u32,
     reply: Option<Hello>,
+    /// Console time of the last refusal \[us\].
+    refused_us: Option<u64>,
     state_every: u16,
     rows: ContactRows,
     /// Console time of the last frame of the session, or of its opening \[us\].
@@ -92,6 +97,7 @@ impl ConsoleLink {
             seed,
             hellos: 0,
             reply: None,
+            refused_us: None,
             state_every: 1,
             rows: ContactRows::NONE,
             heard_us: 0,
@@ -123,7 +129,7 @@ impl ConsoleLink {
             }
             Received::OtherVersion(_) => {
                 // Its nonce may stand anywhere. The answer's first byte says what differs.
-                self.reply = Some(self.hello(0, 0, Refusal::None));
+                self.refuse(0, Refusal::None, now_us);
                 None
             }
             Received::Message(message) => {
@@ -142,7 +148,15 @@ impl ConsoleLink {
     /// Closes a session in which nothing has come for [`EXPIRES_AFTER_US`]. To be asked every tick.
     pub fn expire(&mut self, now_us: u64) -> Option<LinkEvent> {
         let quiet_us = now_us.saturating_sub(self.heard_us);
-        if !self.is_open() || quiet_us < EXPIRES_AFTER_US || !self.endpoint.checks.expiry {
+        if quiet_us < EXPIRES_AFTER_US || !self.endpoint.checks.expiry {
+            return None;
+        }
+        self.close(now_us)
+    }
+
+    /// Closes the session whose line has ended.
+    pub fn close(&mut self, now_us: u64) -> Option<LinkEvent> {
+        if !self.is_open() {
             return None;
         }
         self.begin(0, now_us);
@@ -177,15 +191,12 @@ impl ConsoleLink {
         match message {
             Checked::Hello(hello) => {
                 let nonce = hello.body().nonce;
-                let agreed = self.agree(hello.body(), now_us);
-                let session = if agreed.is_ok() {
-                    self.next_session(nonce)
-                } else {
-                    0
-                };
-                let refusal = agreed.map_or_else(refusal, |()| Refusal::None);
-                self.reply = Some(self.hello(nonce, session, refusal));
-                agreed?;
+                if let Err(reject) = self.agree(hello.body(), now_us) {
+                    self.refuse(nonce, refusal(reject), now_us);
+                    return Err(reject);
+                }
+                let session = self.next_session(nonce);
+                self.reply = Some(self.hello(nonce, session, Refusal::None));
                 self.begin(session, now_us);
                 Ok(Some(LinkEvent::SessionOpened))
             }
@@ -216,6 +227,16 @@ impl ConsoleLink {
             Checked::Simulate(simulate) => Ok(Some(LinkEvent::Simulate(simulate))),
             Checked::State(_) | Checked::Report(_) | Checked::Pong(_) => Err(Reject::Direction),
         }
+    }
+
+    /// Answers a `Hello` that opens nothing, unless another one was answered so within [`REFUSED_EVERY_US`].
+    fn refuse(&mut self, nonce: u32, refusal: Refusal, now_us: u64) {
+        let is_early = |before: u64| now_us.saturating_sub(before) < REFUSED_EVERY_US;
+        if self.refused_us.is_some_and(is_early) && stands("refusals_apart") {
+            return;
+        }
+        self.refused_us = Some(now_us);
+        self.reply = Some(self.hello(nonce, 0, refusal));
     }
 
     /// Whether a state of that console time has been.

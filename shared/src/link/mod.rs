@@ -14,6 +14,8 @@ mod console;
 mod endpoint;
 mod host;
 
-pub use console::{ConsoleLink, EXPIRES_AFTER_US, Identity, LinkEvent, OWNED_FOR_US};
+pub use console::{
+    ConsoleLink, EXPIRES_AFTER_US, Identity, LinkEvent, OWNED_FOR_US, REFUSED_EVERY_US,
+};
 pub use endpoint::{Checks, Counters};
 pub use host::{HostEvent, HostLink, Mismatch, SendError};

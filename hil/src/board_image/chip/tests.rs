@@ -89,10 +89,10 @@ fn a_dead_crystal_is_waited_for_and_counted() {
     let mut chip = Chip::new(Board::OLIMEX_H405);
     chip.write(RCC_CR, 0x83 | HSE_ON);
     assert_ne!(chip.read(RCC_CR) & 1 << 17, 0);
-    assert_eq!(chip.waits_for_crystal, 0);
+    assert_eq!(chip.waits, 0);
     assert!(!chip.lose_crystal(), "nobody asked to be told");
     assert_eq!(chip.read(RCC_CR) & 1 << 17, 0);
-    assert_eq!(chip.waits_for_crystal, 1);
+    assert_eq!(chip.waits, 1);
 }
 
 #[test]
