@@ -5,7 +5,7 @@
 use super::guide::{Guide, NO_WAY, NO_WAY_HELP, PERIOD_S};
 use super::helm::{NO_JAWS, NO_JAWS_HELP};
 use super::saves::Saves;
-use super::take_out::{IS_CLEAR, MORE_WAYS, NoWay, RESTS_S, STILL_INSIDE, TakeOut};
+use super::take_out::{IS_CLEAR, MORE_WAYS, NoWay, RESTS_S, STILL_INSIDE, Start, TakeOut};
 use super::telemetry::Telemetry;
 use crate::attendant::Operator;
 use std::collections::VecDeque;
@@ -80,8 +80,8 @@ impl PageAttendant {
         }
     }
 
-    /// Begins a way out of the tissue, with so many more after it. Whether there is one: none for a tool that is clear.
-    fn leave(&mut self, more: u8) -> Result<bool, NoWay> {
+    /// Begins a way out of the tissue, with at most `more` after it. Returns whether there is one: none for a tool that is clear.
+    fn leave(&mut self, start: Start, more: u8) -> Result<bool, NoWay> {
         let (Some(out), Some((guide, since))) = (&self.out, &mut self.hand) else {
             let message = "the tool of this console is not this page's to move";
             return Err((message.to_owned(), "take it out by hand, then arm"));
@@ -90,7 +90,7 @@ impl PageAttendant {
             return Err(("the console has said nothing yet".to_owned(), "wait for it"));
         };
         let now_s = since.elapsed().as_secs_f64();
-        let Some((script, way_s)) = out.way(guide, now_s, &grip, more)? else {
+        let Some((script, way_s)) = out.way(guide, now_s, &grip, start)? else {
             return Ok(false);
         };
         self.orders
@@ -114,7 +114,7 @@ impl PageAttendant {
                 self.telemetry.arm();
                 None
             }
-            Command::TakeOut => match self.leave(MORE_WAYS) {
+            Command::TakeOut => match self.leave(Start::Grip, MORE_WAYS) {
                 Ok(true) => {
                     self.stops.push((Stop::TakeOut, reply.person()));
                     self.is_stopped = true;
@@ -189,7 +189,7 @@ impl Attendant for PageAttendant {
 
     fn arms(&mut self) -> Arms {
         if let Some((_, more)) = self.leaving.take_if(|(ends, _)| Instant::now() >= *ends) {
-            match self.leave(more.saturating_sub(1)) {
+            match self.leave(Start::Hand, more.saturating_sub(1)) {
                 Ok(false) => {
                     self.is_stopped = false;
                     return Arms::ByHand;

@@ -7,7 +7,7 @@ use super::prepare::{Prepared, Wish};
 use super::saves::Saves;
 use super::settings::{Change, Setting};
 use super::show::Show;
-use super::take_out::{IS_CLEAR, MORE_WAYS, NoWay, RESTS_S, STILL_INSIDE, TakeOut, grip};
+use super::take_out::{IS_CLEAR, MORE_WAYS, NoWay, RESTS_S, STILL_INSIDE, Start, TakeOut, grip};
 use crate::failure::Failure;
 use crate::signals::Stoppable;
 use std::collections::VecDeque;
@@ -242,7 +242,7 @@ impl<'a> Helm<'a> {
             }
             Command::TakeOut => {
                 let mut way = Vec::new();
-                match self.leave(MORE_WAYS, now, &mut way) {
+                match self.leave(Start::Grip, MORE_WAYS, now, &mut way) {
                     Ok(true) => {
                         instructions.push(Instruction::Stop(Stop::TakeOut, reply.person()));
                         self.order(ToConsole::Disarm, now, instructions);
@@ -382,9 +382,10 @@ impl<'a> Helm<'a> {
         }
     }
 
-    /// Begins a way out of the tissue, with so many more after it. Whether there is one: none for a tool that is clear.
+    /// Begins a way out of the tissue, with at most `more` after it. Returns whether there is one: none for a tool that is clear.
     fn leave(
         &mut self,
+        start: Start,
         more: u8,
         now: &Steered<'_>,
         instructions: &mut Vec<Instruction>,
@@ -395,7 +396,7 @@ impl<'a> Helm<'a> {
             let message = "the console's grip carries nothing that could be in the tissue";
             return Err((message.to_owned(), "arm the console"));
         };
-        let Some((script, way_s)) = out.way(&mut self.guide, now_s, &grip, more)? else {
+        let Some((script, way_s)) = out.way(&mut self.guide, now_s, &grip, start)? else {
             return Ok(false);
         };
         instructions.push(Order::Simulate(Simulate::Hand(script)).into());
@@ -409,7 +410,7 @@ impl<'a> Helm<'a> {
         let Some((_, more)) = self.leaving.take_if(|(ends, _)| now.ticks >= *ends) else {
             return;
         };
-        match self.leave(more.saturating_sub(1), now, instructions) {
+        match self.leave(Start::Hand, more.saturating_sub(1), now, instructions) {
             Ok(false) => {
                 self.note_arm();
                 instructions.push(Order::Command(ToConsole::Arm).into());

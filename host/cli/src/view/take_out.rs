@@ -35,6 +35,15 @@ pub fn grip(state: &State) -> Pose {
     }
 }
 
+/// Place from which a way out is counted. The hand is a spring: motors and friction keep the grip away from its target.
+#[derive(Clone, Copy, Debug)]
+pub enum Start {
+    /// The grip, for the first way: the force of the motors ends with it.
+    Grip,
+    /// The hand's target, for a further way: friction holds the grip back.
+    Hand,
+}
+
 /// Why there is no way, and what helps.
 pub type NoWay = (String, &'static str);
 
@@ -47,8 +56,7 @@ impl TakeOut {
         })
     }
 
-    /// Returns the hand's targets for a grip at a pose, and their duration \[s\]; none if the tool is clear already. So many `more` ways
-    /// may follow, [`MORE_WAYS`] the first one.
+    /// Returns the hand's targets for a grip at a pose, and their duration \[s\]; none if the tool is clear already.
     ///
     /// # Errors
     /// There is no way, or the console does not reach to its end.
@@ -57,7 +65,7 @@ impl TakeOut {
         guide: &mut Guide,
         now_s: f64,
         grip: &Pose,
-        more: u8,
+        start: Start,
     ) -> Result<Option<(HandScript, f64)>, NoWay> {
         let help = "`Start again` begins with the tool outside";
         let out = self.ways.from(grip).ok_or_else(|| {
@@ -69,11 +77,9 @@ impl TakeOut {
         if out == [0.0; 3] {
             return Ok(None);
         }
-        // The hand is a spring. At first motors that push or pull keep the grip away from where it wants it, until they are off;
-        // afterwards friction does, and it has to go farther.
-        let from = match more {
-            MORE_WAYS => grip.position_m,
-            _ => guide.at(now_s),
+        let from = match start {
+            Start::Grip => grip.position_m,
+            Start::Hand => guide.at(now_s),
         };
         let to: [f64; 3] = (Vector3::from(from) + Vector3::from(out)).into();
         let kinematics = &self.device.kinematics;
