@@ -37,7 +37,6 @@ pub(super) fn a_reset_of_the_bus_takes_the_torque_off_and_ends_the_session(on: O
     bench.compares = false;
     bench.board.enumerate().unwrap();
     bench.host = HostLink::new(1000);
-    bench.hello = None;
     bench.say_hello();
     let state = bench.tick();
     assert_eq!((state.mode, state.faults), (Mode::Idle, 0));

@@ -95,7 +95,7 @@ checks! {
             stop_priority supply_priority;
         resets::a_crystal_that_fails_takes_the_torque_off_and_resets_again_and_again:
             clock_security exception_stops record_kept;
-        resets::after_a_crystal_has_failed_pulses_go_on_for_20_ms_by_the_clock_that_is_left:
+        resets::before_a_reset_pulses_go_on_for_20_ms_by_the_clock_that_is_there:
             delay_by_clock;
         resets::without_a_crystal_for_three_boots_it_starts_and_says_so_and_never_arms:
             internal_oscillator;

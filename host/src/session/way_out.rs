@@ -2,7 +2,6 @@
 //!
 //! Entry point: [`WayOut::from`]. Allocates: for people at a page, not for the loop.
 
-use crate::contact::entry::{Nearest, way_in};
 use crate::contact::shape::Solid;
 use crate::mesh::Surface;
 use crate::scene::{Pose, Scene};
@@ -12,6 +11,12 @@ use nalgebra::Vector3;
 
 /// Clearance beyond the first place that is free, over the tool's radius: tissue that moves does not touch it at once.
 const CLEARANCE: f64 = 0.2;
+/// Overlap that round-off makes, over the tool's radius.
+const ROUNDING: f64 = 1e-9;
+/// Step along a way on which the first free place is looked for, over the tool's radius.
+const STEP: f64 = 0.1;
+/// Depth of a point below the boundary that counts as in the tissue, over the mean edge.
+const BELOW: f64 = 0.01;
 
 /// The tissue at rest, and the tool that the console's grip carries.
 #[derive(Clone, Debug)]
@@ -19,8 +24,8 @@ pub struct WayOut {
     surface: Surface,
     /// Nodes \[m\], (n x 3).
     points_m: Vec<[f64; 3]>,
-    /// Boundary nodes that are not held, with their outward normals.
-    free: Vec<(u32, Vector3<f64>)>,
+    /// Nodes that are held, ascending.
+    held: Vec<u32>,
     tool: Tool,
 }
 
@@ -31,45 +36,106 @@ impl WayOut {
         if tool.is_grip() || points_m.len() != scene.mesh.points_m().len() {
             return None;
         }
-        let surface = scene.mesh.surface();
-        let vertices = surface.vertices.iter().zip(&surface.normals);
-        // No way leads out through what stands on a table.
-        let free: Vec<_> = vertices
-            .filter(|(node, _)| scene.fixed.binary_search(node).is_err())
-            .map(|(node, normal)| (*node, Vector3::from(*normal)))
-            .collect();
         Some(Self {
-            surface,
+            surface: scene.mesh.surface(),
             points_m: points_m.to_vec(),
-            free,
+            held: scene.fixed.clone(),
             tool,
         })
     }
 
-    /// Displacement of the grip \[m\] after which its tool is clear of the tissue at rest, along the normal of the nearest vertex
-    /// that is not held. Zero for a tool that is clear already; `None` for no pose, or where no way is found.
-    pub fn from(&self, grip: &Pose) -> Option<[f64; 3]> {
+    /// Displacement of the grip \[m\] after which its tool is clear of the tissue at rest, along the normal of a vertex that is not held:
+    /// the shortest one that leads out through no held face, which is a wall. Zero for a tool that is clear already and has not
+    /// `slipped` in; `None` for no pose, or where no way is found.
+    pub fn from(&self, grip: &Pose, slipped: bool) -> Option<[f64; 3]> {
         let placement = self.tool.place(&at_rest(0, grip))?;
         let solid = Solid::new(&self.tool, self.surface.mean_edge_m, &placement);
-        let nearest = |solid: &Solid| {
-            let gap_m = |node: u32| solid.gap(&self.points_m[node as usize].into());
-            let gaps = self
-                .free
-                .iter()
-                .map(|(node, normal)| (gap_m(*node), node, normal));
-            let (gap_m, node, normal) = gaps.min_by(|a, b| a.0.total_cmp(&b.0))?;
-            Some(Nearest {
-                at: self.points_m[*node as usize].into(),
-                normal: *normal,
-                gap_m,
+        if !slipped && self.is_clear(&solid) {
+            return Some([0.0; 3]);
+        }
+        let begins = self.in_tissue(&solid.middle())?;
+        let mut shortest: Option<(f64, Vector3<f64>)> = None;
+        for (least_m, normal) in self.directions(&solid) {
+            if shortest.is_some_and(|(way_m, _)| least_m >= way_m) {
+                break;
+            }
+            let Some(way_m) = self.free_after(&solid, &normal, least_m) else {
+                continue;
+            };
+            let end = solid.middle() + normal * way_m;
+            if self.leads_through_held(&begins, &end) {
+                continue;
+            }
+            if shortest.is_none_or(|(before_m, _)| way_m < before_m) {
+                shortest = Some((way_m, normal));
+            }
+        }
+        let (way_m, normal) = shortest?;
+        Some((normal * (way_m + CLEARANCE * solid.radius())).into())
+    }
+
+    fn at(&self, node: u32) -> Vector3<f64> {
+        self.points_m[node as usize].into()
+    }
+
+    fn contains(&self, point: &Vector3<f64>) -> bool {
+        self.surface.contains(&self.points_m, (*point).into())
+    }
+
+    /// Whether a tool touches nothing of the tissue at rest.
+    fn is_clear(&self, solid: &Solid) -> bool {
+        let least_m = -ROUNDING * solid.radius();
+        let mut vertices = self.surface.vertices.iter();
+        vertices.all(|node| solid.gap(&self.at(*node)) >= least_m)
+            && !solid.cores().iter().any(|core| self.contains(core))
+    }
+
+    /// Point in the tissue at a place, or below the boundary vertex next to it.
+    fn in_tissue(&self, place: &Vector3<f64>) -> Option<Vector3<f64>> {
+        if self.contains(place) {
+            return Some(*place);
+        }
+        let vertices = self.surface.vertices.iter().zip(&self.surface.normals);
+        let far = |node: u32| (self.at(node) - place).norm_squared();
+        let (node, normal) = vertices.min_by(|a, b| far(*a.0).total_cmp(&far(*b.0)))?;
+        let below_m = BELOW * self.surface.mean_edge_m;
+        Some(self.at(*node) - Vector3::from(*normal) * below_m)
+    }
+
+    /// Outward normals of all vertices that are not held, each once, with the least way that could lead past such a vertex \[m\],
+    /// ascending.
+    fn directions(&self, solid: &Solid) -> Vec<(f64, Vector3<f64>)> {
+        let middle = solid.middle();
+        let vertices = self.surface.vertices.iter().zip(&self.surface.normals);
+        let free = vertices.filter(|(node, _)| self.held.binary_search(node).is_err());
+        let mut ways: Vec<_> = free
+            .map(|(node, normal)| {
+                let normal = Vector3::from(*normal);
+                let beyond_m = (self.at(*node) - middle).dot(&normal) + solid.radius();
+                (beyond_m.max(0.0), normal)
             })
-        };
-        let is_inside =
-            |point: &Vector3<f64>| self.surface.contains(&self.points_m, (*point).into());
-        let out = way_in(&solid, nearest, is_inside)?;
-        let clearance_m = CLEARANCE * solid.radius();
-        let longer = out.try_normalize(0.0).map(|along| along * clearance_m);
-        Some((out + longer.unwrap_or_default()).into())
+            .collect();
+        ways.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut seen = std::collections::BTreeSet::new();
+        // To a few degrees.
+        ways.retain(|(_, normal)| {
+            seen.insert(<[f64; 3]>::from(*normal).map(|x| (16.0 * x).round() as i8))
+        });
+        ways
+    }
+
+    /// Shortest way along a direction, from `least_m` on, after which a tool is clear \[m\].
+    fn free_after(&self, solid: &Solid, along: &Vector3<f64>, least_m: f64) -> Option<f64> {
+        let step_m = STEP * solid.radius();
+        let most = 2.0 * solid.bound() / step_m;
+        let mut ways = (0..=most.ceil() as u32).map(|step| least_m + f64::from(step) * step_m);
+        ways.find(|way_m| self.is_clear(&solid.moved(&(along * *way_m))))
+    }
+
+    fn leads_through_held(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
+        let is_held = |node: &u32| self.held.binary_search(node).is_ok();
+        let mut crossed = self.surface.crossed(|node| self.at(node), from, to);
+        crossed.any(|triangle| triangle.iter().all(is_held))
     }
 }
 
@@ -112,13 +178,35 @@ mod tests {
         let scene = slab("radius_m = 0.014");
         let ways = WayOut::of(&scene, scene.mesh.points_m()).expect("a tool");
         for depth_m in [0.011, 0.026] {
-            let out = ways.from(&grip([0.0, 0.0, -depth_m])).expect("a way");
+            let out = ways
+                .from(&grip([0.0, 0.0, -depth_m]), false)
+                .expect("a way");
             assert!(out[0].abs() < 1e-12 && out[1].abs() < 1e-12, "{out:?}");
             assert!((out[2] - (depth_m + 1.2 * 0.014)).abs() < 1e-9, "{out:?}");
         }
-        assert_eq!(ways.from(&grip([0.0, 0.0, 0.02])), Some([0.0; 3]));
+        assert_eq!(ways.from(&grip([0.0, 0.0, 0.02]), false), Some([0.0; 3]));
         let beside = slab("shape = \"grip\"");
         assert!(WayOut::of(&beside, beside.mesh.points_m()).is_none());
+    }
+
+    /// Behind the held floor the way leads up through the tissue or past its sides, never along below the floor; a tool that has slipped in
+    /// is led out from there even if it is clear of the tissue.
+    #[test]
+    fn it_leads_out_from_behind_a_held_floor() {
+        let scene = slab("radius_m = 0.014");
+        let ways = WayOut::of(&scene, scene.mesh.points_m()).expect("a tool");
+        for at in [
+            [0.0, 0.0, -0.0313],
+            [0.01, -0.003, -0.04],
+            [0.0, 0.0, -0.1],
+            [0.0401, 0.0361, -0.0338],
+        ] {
+            let out = ways.from(&grip(at), true).expect("a way");
+            let end = Vector3::from(at) + Vector3::from(out);
+            assert!(end.z > -0.03, "{at:?} to {end:?}");
+            assert_eq!(ways.from(&grip(end.into()), false), Some([0.0; 3]));
+        }
+        assert_eq!(ways.from(&grip([0.0, 0.0, -0.1]), false), Some([0.0; 3]));
     }
 
     proptest! {
@@ -138,9 +226,9 @@ mod tests {
             let scene = slab(tools[shape]);
             let ways = WayOut::of(&scene, scene.mesh.points_m()).expect("a tool");
             let from = [x, y, z];
-            let out = ways.from(&grip(from)).expect("a way");
+            let out = ways.from(&grip(from), false).expect("a way");
             let at = [0, 1, 2].map(|axis: usize| from[axis] + out[axis]);
-            prop_assert_eq!(ways.from(&grip(at)), Some([0.0; 3]));
+            prop_assert_eq!(ways.from(&grip(at), false), Some([0.0; 3]));
         }
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Entry point: [`PageAttendant`].
 
-use super::guide::{Guide, NO_WAY, NO_WAY_HELP, PERIOD_S};
+use super::guide::{Guide, NO_WAY, NO_WAY_HELP, NOT_HELD, PERIOD_S};
 use super::helm::{NO_JAWS, NO_JAWS_HELP};
 use super::saves::Saves;
 use super::take_out::{IS_CLEAR, MORE_WAYS, NoWay, RESTS_S, STILL_INSIDE, Start, TakeOut};
@@ -90,7 +90,9 @@ impl PageAttendant {
             return Err(("the console has said nothing yet".to_owned(), "wait for it"));
         };
         let now_s = since.elapsed().as_secs_f64();
-        let Some((script, way_s)) = out.way(guide, now_s, &grip, start)? else {
+        // The last solve was before the first way.
+        let slipped = matches!(start, Start::Grip) && self.telemetry.has_slipped();
+        let Some((script, way_s)) = out.way(guide, now_s, &grip, start, slipped)? else {
             return Ok(false);
         };
         self.orders
@@ -130,6 +132,11 @@ impl PageAttendant {
                     return None;
                 }
             },
+            Command::Drag(Some(_)) | Command::Hand(_) if !self.telemetry.renders() => {
+                let (message, help) = NOT_HELD;
+                reply.refuse(message, help);
+                return None;
+            }
             Command::Drag(to_m) => {
                 if let Some((guide, since)) = &mut self.hand {
                     guide.drag(since.elapsed().as_secs_f64(), to_m);
@@ -216,7 +223,9 @@ impl Attendant for PageAttendant {
             return Some(order);
         }
         loop {
-            let order = self.hand.as_mut().and_then(|(guide, since)| {
+            // At rest nobody holds the grip, and a simulated console would begin where the scene's hand does.
+            let hand = self.hand.as_mut().filter(|_| self.telemetry.renders());
+            let order = hand.and_then(|(guide, since)| {
                 let script = guide.order(since.elapsed().as_secs_f64())?;
                 Some(Order::Simulate(Simulate::Hand(script)))
             });

@@ -31,6 +31,8 @@ const OUT_M_PER_S: f64 = 0.1;
 const OUT_S: f64 = 0.3;
 /// Longest way that it can do again, in periods: 10 min.
 const LONGEST_WAY: usize = 60_000;
+/// Refusal of a hand's motion while the motors are off, and the next step.
+pub const NOT_HELD: (&str, &str) = ("nobody holds a grip whose motors are off", "arm first");
 /// What is said where nobody has dragged it.
 pub const NO_WAY: &str = "the tool was not dragged yet";
 /// See there.

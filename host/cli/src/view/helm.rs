@@ -2,7 +2,7 @@
 //!
 //! Entry points: [`Helm`], [`Helm::ended`].
 
-use super::guide::{Guide, NO_WAY, NO_WAY_HELP};
+use super::guide::{Guide, NO_WAY, NO_WAY_HELP, NOT_HELD};
 use super::prepare::{Prepared, Wish};
 use super::saves::Saves;
 use super::settings::{Change, Setting};
@@ -262,7 +262,8 @@ impl<'a> Helm<'a> {
             }
             Command::ClearFault => self.order(ToConsole::ClearFault, now, instructions),
             Command::Drag(Some(_)) | Command::Hand(_) if !renders => {
-                return reply.refuse("nobody holds a grip whose motors are off", "arm first");
+                let (message, help) = NOT_HELD;
+                return reply.refuse(message, help);
             }
             Command::Drag(to_m) => self.guide.drag(now_s, to_m),
             Command::Hand(Hand::Recorded) if !self.guide.has_way() => {
@@ -392,11 +393,13 @@ impl<'a> Helm<'a> {
     ) -> Result<bool, NoWay> {
         let now_s = self.time_s(now);
         let grip = grip(now.state);
+        // The last solve was before the first way.
+        let slipped = matches!(start, Start::Grip) && self.show.telemetry().has_slipped();
         let Some(out) = &self.out else {
             let message = "the console's grip carries nothing that could be in the tissue";
             return Err((message.to_owned(), "arm the console"));
         };
-        let Some((script, way_s)) = out.way(&mut self.guide, now_s, &grip, start)? else {
+        let Some((script, way_s)) = out.way(&mut self.guide, now_s, &grip, start, slipped)? else {
             return Ok(false);
         };
         instructions.push(Order::Simulate(Simulate::Hand(script)).into());

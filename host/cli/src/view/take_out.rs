@@ -56,7 +56,8 @@ impl TakeOut {
         })
     }
 
-    /// Returns the hand's targets for a grip at a pose, and their duration \[s\]; none if the tool is clear already.
+    /// Returns the hand's targets for a grip at a pose, and their duration \[s\]; none if the tool is clear already and the last solve has
+    /// not found that it had `slipped` in.
     ///
     /// # Errors
     /// There is no way, or the console does not reach to its end.
@@ -66,9 +67,10 @@ impl TakeOut {
         now_s: f64,
         grip: &Pose,
         start: Start,
+        slipped: bool,
     ) -> Result<Option<(HandScript, f64)>, NoWay> {
         let help = "`Start again` begins with the tool outside";
-        let out = self.ways.from(grip).ok_or_else(|| {
+        let out = self.ways.from(grip, slipped).ok_or_else(|| {
             (
                 "there is no way out of the tissue from here".to_owned(),
                 help,

@@ -11,6 +11,7 @@ use sutura_host::picture::{SolveRow, SolvesOf, TickRow, encode_solves, encode_ti
 use sutura_host::recording::{Passed, Seen, SolveSample};
 use sutura_host::scene::Pose;
 use sutura_host::session::{LimitedTicks, LinkSummary, fault_words};
+use sutura_host::step::Status;
 use sutura_shared::wire::faults;
 use sutura_shared::wire::message::{Mode, Report, State};
 use sutura_view::Shared;
@@ -36,6 +37,8 @@ struct Inner {
     mode: Option<Mode>,
     faults: u16,
     punctures: u32,
+    /// Whether the newest solve has found that a tool had slipped into the tissue.
+    has_slipped: bool,
     /// Name of the person who asked for a safe stop; cleared when the console is armed.
     stopped_by: Option<&'static str>,
     /// Whether somebody has asked to arm it, and no state has shown it armed since.
@@ -55,6 +58,7 @@ impl Telemetry {
             mode: None,
             faults: 0,
             punctures: 0,
+            has_slipped: false,
             stopped_by: None,
             arming: false,
         };
@@ -152,6 +156,16 @@ impl Telemetry {
         self.lock().gauges.newest().map(grip)
     }
 
+    /// Whether the newest solve has found that a tool had slipped into the tissue.
+    pub fn has_slipped(&self) -> bool {
+        self.lock().has_slipped
+    }
+
+    /// Whether the newest state is of a console that renders.
+    pub fn renders(&self) -> bool {
+        self.lock().mode.is_some_and(renders)
+    }
+
     /// Somebody has asked for a safe stop. One before the session's first state holds it at rest from the start.
     pub fn safe_stop(&self, by: &'static str) {
         let mut inner = self.lock();
@@ -240,6 +254,7 @@ impl Inner {
     fn solve(&mut self, sample: &SolveSample) {
         let time_s = self.time_s(sample.console_time_us);
         self.gauges.solve(sample);
+        self.has_slipped = sample.status == Status::Inside.name();
         let before = std::mem::replace(&mut self.punctures, sample.punctures);
         if sample.punctures > before {
             self.event("puncture", "a needle has broken through a boundary", "");
