@@ -374,7 +374,9 @@ impl Render {
             self.blend(&contact, &model, &(tangent + faded), onward, now_us);
         }
         // A tick on one model says how the force goes on into the next one.
+        // Where there was no force, there is no course: the tick of a touch has a part of its way in the air.
         self.course = match (self.model_n, way) {
+            (Some(before), _) if before == Vec3::zeros() => None,
             (Some(before), Some(way)) if !is_new => Some((model - before, way)),
             (None, Some(_)) if !is_new => self.course,
             _ => None,
