@@ -2,6 +2,7 @@
 
 mod bounds;
 mod closed_loop;
+mod coarse;
 mod comeback;
 mod common;
 mod contact_rows;
