@@ -1,6 +1,7 @@
 //! All tests of what console and host share, in one binary.
 
 mod bounds;
+mod breathing;
 mod closed_loop;
 mod coarse;
 mod comeback;

@@ -9,6 +9,7 @@ mod amplifiers;
 mod bend;
 mod contact;
 mod credit;
+mod drift;
 mod drive;
 mod encoders;
 mod limits;
@@ -542,6 +543,7 @@ impl Control {
             is_there: self.render.left() > 0.0,
             horizon_s: self.render.contact().map_or(0.0, LocalContact::horizon_s),
             is_apart: self.render.is_apart(),
+            drift_m_per_s: self.render.drift_m_per_s(),
         };
         if self.tuning.guards.swing && self.tuning.guards.lead {
             let joints = &self.device.joints;

@@ -81,6 +81,8 @@ pub(super) struct Passivity {
     band: [f32; JOINTS],
     /// Force at the last tick \[N\].
     before_n: f32,
+    /// Work of tissue that came towards the tool by itself, and has not gone back \[J\].
+    drifted_j: f32,
 }
 
 /// What the local model says of the force that is wanted.
@@ -97,6 +99,8 @@ pub(super) struct Local {
     pub is_apart: bool,
     /// Part of the model's force that arming lets through by now, 0 to 1.
     pub ramp: f32,
+    /// Speed at which the tissue's surface comes towards the tool by itself \[m/s\].
+    pub drift_m_per_s: f32,
 }
 
 /// What a force would do until it can be changed.
@@ -136,6 +140,7 @@ impl Passivity {
             ahead: [0.0; JOINTS],
             band: [0.0; JOINTS],
             before_n: 0.0,
+            drifted_j: 0.0,
         }
     }
 
@@ -205,7 +210,9 @@ impl Passivity {
         self.widen_band(pose, local.most);
         self.credit
             .watch(local.is_there, local.horizon_s, self.before_n);
-        self.leak(STORED * 0.5 * square / along);
+        let stored_j = STORED * 0.5 * square / along;
+        self.drift(local.drift_m_per_s, stored_j);
+        self.leak(stored_j);
         let size = if square > 0.0 {
             libm::sqrtf(square)
         } else {
@@ -298,7 +305,22 @@ impl Passivity {
         self.withholds = false;
         self.credit.lose(0.0);
         self.credit.pay(max(self.energy_j - CREDIT_J, 0.0));
+        self.drifted_j = 0.0;
         self.energy_j = min(self.energy_j, CREDIT_J);
+    }
+
+    /// Books the work of a surface that moves by itself: what it does on its way to the tool is paid, and on its way back it takes that again,
+    /// but for what the contact can have stored.
+    fn drift(&mut self, speed: f32, stored_j: f32) {
+        let work_j = self.before_n * speed * TICK_S;
+        let work_j = if work_j < 0.0 {
+            let over_j = max(self.energy_j - stored_j, 0.0);
+            max(work_j, -min(self.drifted_j, over_j))
+        } else {
+            work_j
+        };
+        self.energy_j += work_j;
+        self.drifted_j = max(self.drifted_j + work_j, 0.0);
     }
 
     /// Old dissipation, beyond what the present contact can have stored, does not pay for a swing of now, but pays back
@@ -542,6 +564,7 @@ mod tests {
                 horizon_s: 0.1,
                 is_apart: false,
                 ramp: 1.0,
+                drift_m_per_s: 0.0,
             },
         );
         force.x
