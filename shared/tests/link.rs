@@ -961,8 +961,15 @@ fn every_check_keeps_something_out() {
         let much_later = LATER_US + EXPIRES_AFTER_US;
         console.expire(much_later - 1).is_some() || console.expire(much_later).is_none()
     };
+    let companions: Breach = |console, session| {
+        let (needle, contact) = (sample::needle(), sample::contact());
+        feed(console, &frame(session, 1, 0, &needle));
+        feed(console, &frame(session, 2, 0, &contact));
+        // The needle between the two is lost.
+        arms(console, &frame(session, 4, 0, &contact))
+    };
     let all = Checks::ALL;
-    let without: [(Checks, Breach); 7] = [
+    let without: [(Checks, Breach); 8] = [
         (
             Checks {
                 checksum: false,
@@ -1011,6 +1018,13 @@ fn every_check_keeps_something_out() {
                 ..all
             },
             expiry,
+        ),
+        (
+            Checks {
+                companions: false,
+                ..all
+            },
+            companions,
         ),
     ];
     for (off, breach) in without {

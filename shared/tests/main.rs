@@ -1,15 +1,19 @@
 //! All tests of what console and host share, in one binary.
 
 mod bounds;
+mod breathing;
 mod closed_loop;
+mod coarse;
 mod comeback;
 mod common;
 mod contact_rows;
 mod control;
 mod events;
+mod grip;
 mod kinematics;
 mod link;
 mod needle_and_thread;
+mod onset;
 mod passivity;
 mod ramps;
 mod rig;

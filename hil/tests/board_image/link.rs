@@ -3,7 +3,9 @@
 use super::{Bench, DARK, NO_CURRENT, On, TAKEN};
 use sutura_hil::board_image::{ID, reset};
 use sutura_shared::link::HostLink;
-use sutura_shared::wire::message::{Command, Contact, Hello, Mode, Ping, Refusal};
+use sutura_shared::wire::message::{
+    Command, Contact, End, Hello, Mode, Ping, Refusal, Tension, Thread,
+};
 use sutura_shared::wire::{MAX_FRAME, SCHEMA_HASH, Unchecked, decode, encode};
 
 /// Pin modes and functions of the port that the timer drives.
@@ -272,7 +274,24 @@ pub(super) fn what_is_not_to_be_believed_changes_nothing(on: On) {
     let mut other = HostLink::new(1000);
     let length = other.hello(99, &mut frame).unwrap();
     let owner = frame[..length].to_vec();
-    for what in [fallen, stranger, old, early, owner] {
+    // A contact whose thread the line has lost: only the sequence tells.
+    let thread = Thread {
+        tool: 0,
+        thread: 0,
+        end: End::Head,
+        state: Tension::Slack,
+        direction: [0.0, 0.0, 1.0],
+        tension_n: 0.0,
+        stiffness_n_per_m: 0.0,
+        slack_m: 0.1,
+    };
+    let length = encode(session, 1003, now_us, &thread, &mut frame).unwrap();
+    let mut bare = frame[..length].to_vec();
+    for (sequence, contact) in [(1004, &bench.floor()), (1006, &soft)] {
+        let length = encode(session, sequence, now_us, contact, &mut frame).unwrap();
+        bare.extend_from_slice(&frame[..length]);
+    }
+    for what in [fallen, stranger, old, early, owner, bare] {
         bench.down.extend(what);
         for _ in 0..3 {
             assert_eq!(bench.tick().mode, Mode::Armed);

@@ -75,7 +75,7 @@ checks! {
         link::a_new_session_finds_the_console_disarmed: disarm;
         link::a_session_in_which_nothing_comes_for_a_second_is_over: expiry;
         link::a_host_with_other_messages_gets_no_session: schema;
-        link::what_is_not_to_be_believed_changes_nothing: checksum session sequence future ownership;
+        link::what_is_not_to_be_believed_changes_nothing: checksum session sequence future ownership companions;
         loader::other_rates_and_terminals_that_stay_are_no_touch: touch_rate touch_goes;
         loader::a_console_that_is_armed_starting_stopping_or_in_a_fault_is_not_touched:
             touch_idle touch_off touch_forgotten;

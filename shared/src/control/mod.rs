@@ -9,6 +9,7 @@ mod amplifiers;
 mod bend;
 mod contact;
 mod credit;
+mod drift;
 mod drive;
 mod encoders;
 mod limits;
@@ -71,7 +72,7 @@ pub const LOST_AFTER_US: u32 = 500_000;
 ///
 /// Raised by one with every change of the bits that a console computes, that is with every hash that is added to
 /// `tests/golden/identity-trace.txt`; a test compares the two. Changes that no bit shows, as of speed or size, leave it.
-pub const CODE: u32 = 6;
+pub const CODE: u32 = 7;
 
 /// Longest time between two ticks whose motion is believed \[ticks\].
 const MOST_SWALLOWED: u64 = 10;
@@ -562,6 +563,7 @@ impl Control {
             is_there: self.render.left() > 0.0,
             horizon_s: self.render.contact().map_or(0.0, LocalContact::horizon_s),
             is_apart: self.render.is_apart(),
+            drift_m_per_s: self.render.drift_m_per_s(),
         };
         if self.tuning.guards.swing && self.tuning.guards.lead {
             let joints = &self.device.joints;

@@ -42,6 +42,11 @@ const COVER: f32 = 1.5;
 const SOFTEST: f32 = 100.0;
 /// With so little in the tank \[J\] half of the force is gone, whatever the direction.
 const OVERDRAWN_J: f32 = -0.5e-3;
+/// Dead band of what is booked, to either side \[counts\]: more than half of one, or going to and fro would be booked.
+const BAND: f32 = 0.6;
+/// Changes of force by a count from which on there is a dead band, and all of it \[N\]: below them a count is not felt, and its work is
+/// less than what hand and device take.
+const FELT_N: (f32, f32) = (0.015, 0.03);
 /// Slower motion is not damped \[m/s\]: an encoder's step looks like that.
 const SLOWEST: f32 = 2e-3;
 /// Largest damping over mass per period of the actuation: a tenth of what would stop the grip in that time.
@@ -69,8 +74,15 @@ pub(super) struct Passivity {
     damping_per_s: f32,
     /// What the joints moved since the last tick.
     moved: [f32; JOINTS],
+    /// Coordinate of a count.
+    count: [f32; JOINTS],
+    /// How far the joints are ahead of what is booked, and how far they may be.
+    ahead: [f32; JOINTS],
+    band: [f32; JOINTS],
     /// Force at the last tick \[N\].
     before_n: f32,
+    /// Work of tissue that came towards the tool by itself, and has not gone back \[J\].
+    drifted_j: f32,
 }
 
 /// What the local model says of the force that is wanted.
@@ -87,6 +99,8 @@ pub(super) struct Local {
     pub is_apart: bool,
     /// Part of the model's force that arming lets through by now, 0 to 1.
     pub ramp: f32,
+    /// Speed at which the tissue's surface comes towards the tool by itself \[m/s\].
+    pub drift_m_per_s: f32,
 }
 
 /// What a force would do until it can be changed.
@@ -122,7 +136,11 @@ impl Passivity {
                 .map(|joint| 1.0 / (joint.max_slew_per_s * TICK_S)),
             damping_per_s: DAMPING / (TICK_S * (1.0 + ticks)),
             moved: [0.0; JOINTS],
+            count: device.joints.map(|joint| 1.0 / joint.counts_per_unit.abs()),
+            ahead: [0.0; JOINTS],
+            band: [0.0; JOINTS],
             before_n: 0.0,
+            drifted_j: 0.0,
         }
     }
 
@@ -146,11 +164,36 @@ impl Passivity {
     pub fn book(&mut self, moved: &[f32; JOINTS]) {
         let acting = self.efforts.get(self.whole).copied().unwrap_or_default();
         let older = self.efforts.get(self.whole + 1).copied().unwrap_or(acting);
-        let work = acting.iter().zip(&older).zip(moved);
+        let booked = self.beyond_band(moved);
+        let work = acting.iter().zip(&older).zip(&booked);
         self.energy_j -= work.fold(0.0, |sum, ((acting, older), moved)| {
             sum + (acting + (older - acting) * self.part) * moved
         });
         self.moved = *moved;
+    }
+
+    /// Motion of the joints beyond a dead band around what has been booked: a grip that rests on the edge of a count moves to and
+    /// fro by one, and the force of the count before, which still acts, would give energy with each.
+    fn beyond_band(&mut self, moved: &[f32; JOINTS]) -> [f32; JOINTS] {
+        let mut booked = [0.0; JOINTS];
+        let joints = moved.iter().zip(&self.band).zip(&mut self.ahead);
+        for (((moved, band), ahead), booked) in joints.zip(&mut booked) {
+            let now = *ahead + moved;
+            *ahead = clamp(now, -band, *band);
+            *booked = now - *ahead;
+        }
+        booked
+    }
+
+    /// Sets the dead band by what a count changes of the force at a stiffness \[N/m\].
+    fn widen_band(&mut self, pose: &Pose, stiffness: f32) {
+        let (none, full) = (FELT_N.0 * FELT_N.0, FELT_N.1 * FELT_N.1);
+        let joints = pose.jacobian.iter().zip(&self.count).zip(&mut self.band);
+        for ((column, count), band) in joints {
+            let per_count = stiffness * count;
+            let square = per_count * per_count * dot(column, column);
+            *band = BAND * count * clamp((square - none) * (1.0 / (full - none)), 0.0, 1.0);
+        }
     }
 
     /// As much of the force that is wanted \[N\] as the tank pays for, damping while a part of it is missing, and drag while
@@ -164,9 +207,12 @@ impl Passivity {
     ) -> Vec3 {
         let square = dot(wanted, wanted);
         let along = max(local.along, SOFTEST);
+        self.widen_band(pose, local.most);
         self.credit
             .watch(local.is_there, local.horizon_s, self.before_n);
-        self.leak(STORED * 0.5 * square / along);
+        let stored_j = STORED * 0.5 * square / along;
+        self.drift(local.drift_m_per_s, stored_j);
+        self.leak(stored_j);
         let size = if square > 0.0 {
             libm::sqrtf(square)
         } else {
@@ -259,7 +305,22 @@ impl Passivity {
         self.withholds = false;
         self.credit.lose(0.0);
         self.credit.pay(max(self.energy_j - CREDIT_J, 0.0));
+        self.drifted_j = 0.0;
         self.energy_j = min(self.energy_j, CREDIT_J);
+    }
+
+    /// Books the work of a surface that moves by itself: what it does on its way to the tool is paid, and on its way back it takes that again,
+    /// but for what the contact can have stored.
+    fn drift(&mut self, speed: f32, stored_j: f32) {
+        let work_j = self.before_n * speed * TICK_S;
+        let work_j = if work_j < 0.0 {
+            let over_j = max(self.energy_j - stored_j, 0.0);
+            max(work_j, -min(self.drifted_j, over_j))
+        } else {
+            work_j
+        };
+        self.energy_j += work_j;
+        self.drifted_j = max(self.drifted_j + work_j, 0.0);
     }
 
     /// Old dissipation, beyond what the present contact can have stored, does not pay for a swing of now, but pays back
@@ -453,6 +514,32 @@ mod tests {
         }
     }
 
+    #[test]
+    fn to_and_fro_by_a_count_is_no_work() {
+        let mut ledger = Passivity::new(&device(0), Guards::ALL);
+        let count = 1e-5;
+        ledger.widen_band(&forward(&device(0), &[0.0; JOINTS]), 5e3);
+        for tick in 0..100_u8 {
+            // More force on the way out than on the way in.
+            let (force, way) = if tick % 2 == 0 {
+                (2.0, -count)
+            } else {
+                (3.0, count)
+            };
+            ledger.commit(&[force, 0.0, 0.0], &Vec3::new(force, 0.0, 0.0));
+            ledger.book(&[way, 0.0, 0.0]);
+        }
+        // One way in at most.
+        assert!((0.0..2.0 * count).contains(&(ledger.energy_j - CREDIT_J)));
+        // A way is as long as it is, however slow.
+        let before_j = ledger.energy_j;
+        for _ in 0..100 {
+            ledger.book(&[-count, 0.0, 0.0]);
+        }
+        let in_m = (ledger.energy_j - before_j) / 3.0;
+        assert!((in_m - 100.0 * count).abs() <= 1.21 * count, "{in_m}");
+    }
+
     fn allowed(energy_j: f32, wanted: f32, speed: f32, before: f32) -> f32 {
         let device = device(0);
         let mut ledger = Passivity::new(
@@ -477,6 +564,7 @@ mod tests {
                 horizon_s: 0.1,
                 is_apart: false,
                 ramp: 1.0,
+                drift_m_per_s: 0.0,
             },
         );
         force.x

@@ -5,6 +5,7 @@
 
 use super::bend::Bend;
 use super::contact::{Freshness, LocalContact, STRONGEST_N};
+use super::drift::{Change, Drift};
 use super::needle::LocalNeedle;
 use super::rows::{ContactRows, MAX_RESIDUAL};
 use super::thread::LocalThread;
@@ -54,6 +55,7 @@ pub(super) struct Render {
     /// contact may pull as well as push until then.
     held_until_us: u64,
     trust: Trust,
+    drift: Drift,
     bend: Bend,
     /// See [`left`](Self::left).
     left: f32,
@@ -147,6 +149,7 @@ impl Render {
             stiffness: 0.0,
             held_until_us: 0,
             trust: Trust::FULL,
+            drift: Drift::NONE,
             bend: Bend::NONE,
             left: 0.0,
             changed: false,
@@ -169,6 +172,7 @@ impl Render {
         self.rows = ContactRows::NONE;
         (self.needle, self.thread, self.held_until_us) = (None, None, 0);
         (self.trust, self.bend) = (Trust::FULL, Bend::NONE);
+        self.drift = Drift::NONE;
         self.track.count = 0;
         self.start_from_nothing();
     }
@@ -210,6 +214,24 @@ impl Render {
         };
         let scale = self.trust.scale();
         (along * min(scale, 1.0), most * max(scale, 1.0))
+    }
+
+    /// How fast the tissue's surface comes towards the tool by itself \[m/s\]. Baselines know nothing of it.
+    pub fn drift_m_per_s(&self) -> f32 {
+        match self.tuning.rendering {
+            Rendering::Tangent | Rendering::Rows => self.drift.speed(),
+            Rendering::Hold | Rendering::LinearTime => 0.0,
+        }
+    }
+
+    /// Force of what the surface has come by itself since the frame \[N\].
+    fn drifted(&self, contact: &LocalContact, now_us: u64) -> Vec3 {
+        let speed = self.drift_m_per_s();
+        if speed == 0.0 {
+            return Vec3::zeros();
+        }
+        let age_s = contact.age_us(now_us) as f32 * 1e-6;
+        contact.normal * (contact.stiffness_along(&contact.normal) * speed * age_s)
     }
 
     /// How old the frame in use is.
@@ -257,6 +279,18 @@ impl Render {
             self.sideways_m = max(SIDEWAYS_M, SIDEWAYS * way_m);
             match new.change_since(old).filter(|_| !self.holds(now_us)) {
                 Some((foretold, came, span_s)) => {
+                    let stiffness = new.stiffness_along(&new.normal);
+                    self.drift.learn(&Change {
+                        normal: new.normal,
+                        told: foretold,
+                        came,
+                        stiffness,
+                        aside_m: way_m,
+                        span_s,
+                    });
+                    // What the surface did says nothing of the tangent.
+                    let drifted = stiffness * self.drift_m_per_s() * span_s;
+                    let came = came - new.normal * drifted;
                     self.trust.learn(&foretold, &came, span_s);
                     if self.tuning.guards.bend {
                         let force = new.own_force();
@@ -266,6 +300,7 @@ impl Render {
                 }
                 None => {
                     (self.trust, self.bend) = (Trust::FULL, Bend::NONE);
+                    self.drift = Drift::NONE;
                     if let Some(place_m) = new.touched_at(old).filter(|_| self.tuning.guards.bend) {
                         let none = Vec3::zeros();
                         self.bend.learn(&place_m, &old.slope(), &none, 1.0);
@@ -333,6 +368,7 @@ impl Render {
         } else {
             self.track.push(grip.position_m);
         }
+        self.drift.tick();
         let before = self.offset_n;
         self.offset_n *= self.fade;
         self.pull_n *= self.fade;
@@ -374,7 +410,9 @@ impl Render {
             self.blend(&contact, &model, &(tangent + faded), onward, now_us);
         }
         // A tick on one model says how the force goes on into the next one.
+        // Where there was no force, there is no course: the tick of a touch has a part of its way in the air.
         self.course = match (self.model_n, way) {
+            (Some(before), _) if before == Vec3::zeros() => None,
             (Some(before), Some(way)) if !is_new => Some((model - before, way)),
             (None, Some(_)) if !is_new => self.course,
             _ => None,
@@ -405,6 +443,7 @@ impl Render {
         let way = Vec3::new(x, y, z);
         let (reach, more) = self.bend.onward(&way);
         let dx = &dx.map(|d| d * reach);
+        let more = more + self.drifted(contact, now_us);
         contact.force(rendering, dx, scale, more, now_us)
     }
 
@@ -441,7 +480,8 @@ impl Render {
         self.rows_share = clamp(self.rows_share + step, 0.0, 1.0);
         let touches = self.rows.multipliers_n().any(|multiplier| multiplier > 0.0);
         let by_rows = if touches {
-            contact.pushing(contact.relaxed_force(now_us) + linear_part(&solved.change))
+            let force = contact.relaxed_force(now_us) + self.drifted(contact, now_us);
+            contact.pushing(force + linear_part(&solved.change))
         } else {
             Vec3::zeros()
         };

@@ -1,12 +1,13 @@
 //! The console's end of the link. Entry points: [`ConsoleLink::receive`] for every byte that comes in,
 //! [`ConsoleLink::take_reply`] and then [`ConsoleLink::encode_state`] for what goes out, [`ConsoleLink::expire`] every tick.
 
+use super::companions::Companions;
 use super::endpoint::{Checks, Counters, Endpoint, Received};
 use crate::control::ContactRows;
 use crate::mutant::stands;
 use crate::wire::message::{Command, Hello, Ping, Pong, Refusal, Report, State};
 use crate::wire::{
-    Checked, Direction, MAX_FRAME, Message, Reject, SCHEMA_HASH, ValidCommand, ValidContact,
+    Checked, Direction, Kind, MAX_FRAME, Message, Reject, SCHEMA_HASH, ValidCommand, ValidContact,
     ValidFixture, ValidNeedle, ValidSimulate, ValidThread,
 };
 
@@ -67,6 +68,7 @@ pub struct ConsoleLink {
     refused_us: Option<u64>,
     state_every: u16,
     rows: ContactRows,
+    companions: Companions,
     /// Console time of the last frame of the session, or of its opening \[us\].
     heard_us: u64,
     /// Console time until which the session is its host's \[us\].
@@ -100,6 +102,7 @@ impl ConsoleLink {
             refused_us: None,
             state_every: 1,
             rows: ContactRows::NONE,
+            companions: Companions::NONE,
             heard_us: 0,
             owned_until_us: 0,
             ping: None,
@@ -123,8 +126,10 @@ impl ConsoleLink {
     #[inline(never)]
     fn frame(&mut self, now_us: u64) -> Option<LinkEvent> {
         match self.endpoint.examine(Some((&mut self.rows, now_us)))? {
-            Received::Rows => {
+            Received::Rows(sequence) => {
                 self.hear(now_us);
+                let (tool, time_us) = (self.rows.tool(), self.rows.console_time_us());
+                self.companions.note(Kind::Rows, sequence, tool, time_us);
                 Some(LinkEvent::Rows)
             }
             Received::OtherVersion(_) => {
@@ -173,6 +178,7 @@ impl ConsoleLink {
         self.endpoint.open(session);
         self.state_every = 1;
         self.rows = ContactRows::NONE;
+        self.companions = Companions::NONE;
         self.heard_us = now_us;
         self.owned_until_us = 0;
         self.ping = None;
@@ -180,11 +186,17 @@ impl ConsoleLink {
 
     /// What a frame brought, if it is for others than the link itself.
     fn judge(&mut self, message: Checked, now_us: u64) -> Result<Option<LinkEvent>, Reject> {
+        let (header, tool) = (*message.header(), message.tool());
         let event = self.open_or_use(message, now_us)?;
-        if !matches!(event, Some(LinkEvent::SessionOpened)) {
-            self.hear(now_us);
+        if matches!(event, Some(LinkEvent::SessionOpened)) {
+            return Ok(event);
         }
-        Ok(event)
+        self.hear(now_us);
+        let is_whole =
+            self.companions
+                .note(header.kind, header.sequence, tool, header.console_time_us);
+        let can_be_used = is_whole || !self.endpoint.checks.companions;
+        Ok(event.filter(|_| can_be_used))
     }
 
     fn open_or_use(&mut self, message: Checked, now_us: u64) -> Result<Option<LinkEvent>, Reject> {

@@ -42,6 +42,8 @@ pub struct Checks {
     pub ownership: bool,
     /// A session in which nothing comes is closed.
     pub expiry: bool,
+    /// A contact has come with its rows, needle and thread.
+    pub companions: bool,
 }
 
 impl Checks {
@@ -54,10 +56,11 @@ impl Checks {
         schema: true,
         ownership: true,
         expiry: true,
+        companions: true,
     };
 
     /// Their names.
-    pub const NAMES: [&str; 7] = [
+    pub const NAMES: [&str; 8] = [
         "checksum",
         "session",
         "sequence",
@@ -65,6 +68,7 @@ impl Checks {
         "schema",
         "ownership",
         "expiry",
+        "companions",
     ];
 
     /// Switches off the check of this name, that of its field; false if there is none.
@@ -77,6 +81,7 @@ impl Checks {
             "schema" => &mut self.schema,
             "ownership" => &mut self.ownership,
             "expiry" => &mut self.expiry,
+            "companions" => &mut self.companions,
             _ => return false,
         };
         *check = false;
@@ -98,8 +103,8 @@ impl Default for Checks {
 pub(super) enum Received {
     /// A message that is right as such; the owner still has to [`Endpoint::settle`] it.
     Message(Checked),
-    /// Rows, which are unpacked; already counted.
-    Rows,
+    /// Rows of this sequence, which are unpacked; already counted.
+    Rows(u32),
     /// A `Hello` in another version of the protocol; already counted as refused.
     OtherVersion(u8),
 }
@@ -176,7 +181,7 @@ impl Endpoint {
                     count(&mut self.counters.frames_lost, lost);
                     if decoded.header.kind == Kind::Rows {
                         take_rows(&decoded, self.receives, rows, checks)?;
-                        return Ok(Received::Rows);
+                        return Ok(Received::Rows(decoded.header.sequence));
                     }
                     let checked = decoded.unpack()?.validate(self.receives)?;
                     Ok(Received::Message(checked))
@@ -189,7 +194,7 @@ impl Endpoint {
         if let Ok(Received::OtherVersion(_)) = outcome {
             self.reject(Reject::Version);
         }
-        if let Ok(Received::Rows) = outcome {
+        if let Ok(Received::Rows(_)) = outcome {
             count(&mut self.counters.frames_received, 1);
         }
         outcome.map_err(|reject| self.reject(reject)).ok()

@@ -205,7 +205,7 @@ impl HostLink {
                 self.asked.take()?;
                 Some(HostEvent::Refused(Mismatch::Version { console }))
             }
-            Received::Rows => None,
+            Received::Rows(_) => None,
             Received::Message(message) => {
                 let verdict = self.judge(message);
                 self.endpoint.settle(verdict)

@@ -287,6 +287,35 @@ impl Unchecked {
     }
 }
 
+impl Checked {
+    /// Header of its frame.
+    pub fn header(&self) -> &Header {
+        match self {
+            Checked::Hello(message) => &message.header,
+            Checked::State(message) => &message.header,
+            Checked::Contact(message) => &message.header,
+            Checked::Command(message) => &message.header,
+            Checked::Report(message) => &message.header,
+            Checked::Simulate(message) => &message.header,
+            Checked::Needle(message) => &message.header,
+            Checked::Thread(message) => &message.header,
+            Checked::Fixture(message) => &message.header,
+            Checked::Ping(message) => &message.header,
+            Checked::Pong(message) => &message.header,
+        }
+    }
+
+    /// Tool of a contact, a needle or a thread; 0 of other messages.
+    pub fn tool(&self) -> u8 {
+        match self {
+            Checked::Contact(contact) => contact.body.tool,
+            Checked::Needle(needle) => needle.body.tool,
+            Checked::Thread(thread) => thread.body.tool,
+            _ => 0,
+        }
+    }
+}
+
 impl Message for Hello {
     const KIND: Kind = Kind::Hello;
 

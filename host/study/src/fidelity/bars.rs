@@ -154,6 +154,16 @@ pub fn bars(cases: &[Case]) -> Vec<Bar> {
         false,
         1.5,
     );
+    for (scene, rms, peak) in [("needle", 1.5, 7.0), ("rubbing", 3.0, 12.0)] {
+        let lossy = |c: &Case| {
+            c.question == "errors" && c.scene == scene && c.loss == 0.05 && !c.is_unguarded()
+        };
+        let (rms_of, peak_of): (Figure, Figure) =
+            (|c| Some(c.errors?.rms_pct), |c| Some(c.errors?.peak_pct));
+        let name = |what: &str| format!("{scene}, one frame in 20 lost, {what} %");
+        rule(&name("rms"), &lossy, &rms_of, false, rms);
+        rule(&name("peak"), &lossy, &peak_of, false, peak);
+    }
     let stability = |c: &Case| {
         c.question == "stability"
             && c.rendering == "tangent"

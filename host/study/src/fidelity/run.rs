@@ -16,10 +16,12 @@ use sutura_host::session::{Horizon, pack_symmetric, rows_frame};
 use sutura_host::step::ToolRows;
 use sutura_shared::control::{ContactRows, Control, Fresh, Rendering, TickInput, Tuning};
 use sutura_shared::device::DeviceError;
+use sutura_shared::link::Companions;
 use sutura_shared::wire::message::{Command, Contact, Mode, State};
 use sutura_shared::wire::validate::MAX_POSITION;
 use sutura_shared::wire::{
-    Header, Message, PROTOCOL_VERSION, Valid, ValidContact, ValidNeedle, ValidRows, ValidThread,
+    Header, Kind, Message, PROTOCOL_VERSION, Valid, ValidContact, ValidNeedle, ValidRows,
+    ValidThread,
 };
 
 /// Who solves for the console.
@@ -304,10 +306,24 @@ fn force(solution: &Solution) -> [f64; 3] {
 
 /// A frame on the wire.
 enum Frame {
-    Rows(Box<ContactRows>),
+    Rows(u32, Box<ContactRows>),
     Needle(ValidNeedle),
     Thread(ValidThread),
     Contact(ValidContact),
+}
+
+impl Frame {
+    /// Kind, sequence and console time \[us\].
+    fn stamp(&self) -> (Kind, u32, u64) {
+        match self {
+            Frame::Rows(sequence, rows) => (Kind::Rows, *sequence, rows.console_time_us()),
+            Frame::Needle(needle) => (Kind::Needle, needle.sequence(), needle.console_time_us()),
+            Frame::Thread(thread) => (Kind::Thread, thread.sequence(), thread.console_time_us()),
+            Frame::Contact(contact) => {
+                (Kind::Contact, contact.sequence(), contact.console_time_us())
+            }
+        }
+    }
 }
 
 /// The host and its link.
@@ -317,6 +333,9 @@ struct Remote<'a> {
     link: Option<(LinkSpec, Link<Frame>)>,
     /// The last rows that came.
     rows: Box<ContactRows>,
+    /// What the console's end of the link has heard: the newest sequence, and what belongs together.
+    heard: u32,
+    companions: Companions,
     /// The next turn, solves so far, and frames.
     turn: u32,
     solves: u32,
@@ -351,6 +370,8 @@ impl<'a> Remote<'a> {
                 setup.scene.start(rows, ahead_s, period_s)
             },
             rows: Box::new(ContactRows::NONE),
+            heard: 0,
+            companions: Companions::NONE,
             link,
             turn: 0,
             done_s: 0.0,
@@ -370,8 +391,16 @@ impl<'a> Remote<'a> {
         let (_, link) = self.link.as_mut()?;
         let mut newest = None;
         while let Some(frame) = link.arrived(time_s) {
+            let (kind, sequence, time_us) = frame.stamp();
+            if sequence <= self.heard {
+                continue;
+            }
+            self.heard = sequence;
+            if !self.companions.note(kind, sequence, 0, time_us) {
+                continue;
+            }
             match frame {
-                Frame::Rows(rows) => self.rows = rows,
+                Frame::Rows(_, rows) => self.rows = rows,
                 Frame::Needle(needle) => control.needle(&needle),
                 Frame::Thread(thread) => control.thread(&thread),
                 Frame::Contact(contact) => {
@@ -487,7 +516,10 @@ impl<'a> Remote<'a> {
             let rows: Option<ValidRows> = rows
                 .and_then(|rows| rows_frame(&rows))
                 .and_then(|rows| self.valid(now_us, rows));
-            frames.extend(rows.map(|rows| Frame::Rows(Box::new(ContactRows::unpack(&rows)))));
+            frames.extend(rows.map(|rows| {
+                let unpacked = Box::new(ContactRows::unpack(&rows));
+                Frame::Rows(rows.sequence(), unpacked)
+            }));
             let needle = solution
                 .needle
                 .and_then(|needle| self.valid(now_us, needle));

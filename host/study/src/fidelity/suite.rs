@@ -38,6 +38,12 @@ const RENDERINGS: [Rendering; 4] = [
 pub(super) const RATES: [f64; 3] = [30.0, 60.0, 100.0];
 /// Rates of simulators that are nearly as quick as the console \[1/s\].
 pub(super) const FAST_RATES: [f64; 3] = [250.0, 500.0, 1000.0];
+/// Contacts that come with more than a tangent, on a line that loses one frame in twenty.
+const COMPANIONS_LOST: [(Place, Motion); 3] = [
+    (Place::Needle, Motion::Presses),
+    (Place::Needle, Motion::Taps),
+    (Place::Rubbing, Motion::Strokes),
+];
 /// How wrong tangents are.
 const SCALES: [f64; 4] = [0.5, 0.75, 1.25, 2.0];
 
@@ -194,6 +200,15 @@ pub fn core(extent: Extent, guards: Guards) -> Vec<Spec> {
             Rendering::Rows,
             hz,
         ));
+    }
+    for (place, motion) in COMPANIONS_LOST {
+        specs.push(Spec {
+            link: LinkSpec {
+                loss: 0.05,
+                ..LinkSpec::ideal(60.0)
+            },
+            ..Spec::errors(place, motion, Rendering::Rows, 60.0)
+        });
     }
     specs.push(Spec::stiffest(Rendering::Hold, 1000.0, 1.0).full());
     specs.push(Spec::stiffest(Rendering::Tangent, 30.0, 1.0));
