@@ -13,6 +13,7 @@ mod needle_and_thread;
 mod passivity;
 mod ramps;
 mod rig;
+mod round_bodies;
 mod rows_values;
 mod simulated_console;
 mod turned;
