@@ -17,6 +17,7 @@ mod onset;
 mod passivity;
 mod ramps;
 mod rig;
+mod round_bodies;
 mod rows_values;
 mod simulated_console;
 mod turned;

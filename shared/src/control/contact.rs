@@ -4,6 +4,8 @@
 //! with a gap and relaxation (Otaduy and Lin 2006), exact for a plane spring, to which contact rows, a needle and a
 //! thread add what a tangent does not know.
 
+use super::bend::{AXES, Onward, in_axes, product};
+use super::round::{Shape, Skin, Turn};
 use super::tuning::Rendering;
 use super::{MAX_HORIZON_US, STALE_DECAY_US};
 use crate::kinematics::Grip;
@@ -13,6 +15,9 @@ use crate::wire::ValidContact;
 
 /// Longest force of a tangent on its own \[N\]: squares stay finite whatever is added to it.
 pub(super) const STRONGEST_N: f32 = 1e9;
+
+/// Stiffness below which a force does not tell a depth \[N/m\].
+const SOFTEST_N_PER_M: f32 = 1.0;
 
 /// How old a contact may be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -130,7 +135,12 @@ impl LocalContact {
             return None;
         }
         let moved = self.grip.moved_from(&before.grip);
-        let told = (force_of(&self.tangent, &moved) + force_of(&before.tangent, &moved)) * 0.5;
+        let way = self.way_since(before);
+        let (here, there) = (self.skin(), before.skin());
+        let onward = before.beyond_tangent(before.shape_beside(&here).as_ref(), &way);
+        let back = self.beyond_tangent(self.shape_beside(&there).as_ref(), &-way);
+        let plane = force_of(&self.tangent, &moved) + force_of(&before.tangent, &moved);
+        let told = (plane + onward - back) * 0.5;
         let span_us = self.console_time_us.saturating_sub(before.console_time_us);
         let span_us = u32::try_from(span_us).unwrap_or(u32::MAX);
         let came = self.own_force() - before.own_force() * before.relaxed(span_us);
@@ -147,12 +157,57 @@ impl LocalContact {
         way - self.normal * dot(&self.normal, way)
     }
 
-    /// Where the tool of this frame began to touch \[m\], by the frame before, in which it did not yet.
-    pub fn touched_at(&self, before: &LocalContact) -> Option<Vec3> {
+    /// Shape of the body here: by the tangent, else by the normals here and at another place.
+    pub fn shape_beside(&self, other: &Skin) -> Option<Shape> {
+        let slope = self.slope();
+        let by_tangent = Shape::of_contact(&slope, &self.own_force());
+        by_tangent.or_else(|| Shape::of_normals(&slope, other, &self.skin()))
+    }
+
+    /// The skin as this frame has it.
+    pub fn skin(&self) -> Skin {
+        Skin {
+            place_m: self.grip.position_m,
+            normal: self.normal,
+            height_m: self.height_m(),
+        }
+    }
+
+    /// Change of the force along a way \[m\] that the tangent does not foretell, on a body of this shape \[N\].
+    fn beyond_tangent(&self, shape: Option<&Shape>, way: &Vec3) -> Vec3 {
+        let turn = shape.and_then(|shape| Some((shape, shape.turn(way)?)));
+        turn.map_or_else(Vec3::zeros, |(shape, turn)| {
+            let plane = self.own_force() + product(&self.slope(), way);
+            turn.turned(&(plane + shape.lacks(&turn))) - plane
+        })
+    }
+
+    /// Height over the skin \[m\]; as deep as its own stiffness makes of its force where it touches.
+    fn height_m(&self) -> f32 {
+        let push_n = dot(&self.normal, &self.own_force());
+        if self.gap_m > 0.0 || push_n <= 0.0 {
+            return self.gap_m;
+        }
+        -push_n / max(self.stiffness_along(&self.normal), SOFTEST_N_PER_M)
+    }
+
+    /// Where the tool of this frame began to touch \[m\], and the tangent there \[N/m\], by the frame before, in which it did not yet, on a
+    /// body of this shape.
+    pub fn touched_at(
+        &self,
+        before: &LocalContact,
+        shape: Option<&Shape>,
+    ) -> Option<(Vec3, [f32; 6])> {
         let way = before.grip.position_m - self.grip.position_m;
-        let deep_m = dot(&self.normal, &way) - before.gap_m;
+        let turn = shape.and_then(|shape| shape.turn(&way));
+        let on_skin = turn.map_or(way, |turn| turn.on_skin(&way));
+        let deep_m = dot(&self.normal, &on_skin) - before.gap_m;
         let touches = before.gap_m > 0.0 && self.gap_m <= 0.0 && deep_m > 0.0;
-        touches.then(|| self.grip.position_m + self.normal * deep_m)
+        let slope = before.slope();
+        let slope = turn.map_or(slope, |turn| {
+            in_axes(&slope, AXES.map(|axis| turn.turned(&axis)))
+        });
+        touches.then(|| (self.grip.position_m + self.normal * deep_m, slope))
     }
 
     /// Where it was solved for \[m\].
@@ -177,30 +232,34 @@ impl LocalContact {
         left_us as f32 * (1.0 / STALE_DECAY_US as f32)
     }
 
-    /// Force after the grip has moved by `dx`, with the tangent times `scale`, and `more` than it foretells \[N\].
+    /// Force after the grip has moved by `dx` on a way `onward`, with the tangent times `scale` \[N\].
     pub fn force(
         &self,
         rendering: Rendering,
         dx: &[f32; 6],
-        scale: f32,
-        more: Vec3,
+        (scale, onward): (f32, &Onward),
         now_us: u64,
     ) -> Vec3 {
         let age_us = self.age_us(now_us);
         let force = match rendering {
             Rendering::Hold => self.own_force(),
             Rendering::LinearTime => self.own_force() + self.rate * (age_us as f32 * 1e-6),
-            Rendering::Tangent | Rendering::Rows if self.gap_m > 0.0 => self.force_across_gap(dx),
+            Rendering::Tangent | Rendering::Rows if self.gap_m > 0.0 => {
+                let force = self.force_across_gap(dx, onward.turn.as_ref());
+                return self.pushing(&onward.turned(&self.normal), onward.turned(&force));
+            }
             Rendering::Tangent | Rendering::Rows => {
-                self.own_force() * self.relaxed(age_us) + force_of(&self.tangent, dx) * scale + more
+                let plane = self.own_force() * self.relaxed(age_us);
+                let force = plane + force_of(&self.tangent, dx) * scale + onward.more;
+                return self.pushing(&onward.turned(&self.normal), onward.turned(&force));
             }
         };
-        self.pushing(force)
+        self.pushing(&self.normal, force)
     }
 
-    /// Tissue pushes and never pulls.
-    pub fn pushing(&self, force: Vec3) -> Vec3 {
-        if dot(&self.normal, &force) > 0.0 {
+    /// Tissue with this normal pushes and never pulls.
+    pub fn pushing(&self, normal: &Vec3, force: Vec3) -> Vec3 {
+        if dot(normal, &force) > 0.0 {
             shortened(force, self.max_force_n)
         } else {
             Vec3::zeros()
@@ -268,11 +327,14 @@ impl LocalContact {
     }
 
     /// What lies behind the gap acts only on the part of the way that is left after it.
-    fn force_across_gap(&self, dx: &[f32; 6]) -> Vec3 {
-        let [x, y, z, ..] = *dx;
-        let closed_m = -dot(&self.normal, &Vec3::new(x, y, z));
+    fn force_across_gap(&self, dx: &[f32; 6], turn: Option<&Turn>) -> Vec3 {
+        let [x, y, z, a, b, c] = *dx;
+        let way = Vec3::new(x, y, z);
+        let way = turn.map_or(way, |turn| turn.on_skin(&way));
+        let closed_m = -dot(&self.normal, &way);
         if closed_m > self.gap_m {
-            force_of(&self.tangent, dx) * (1.0 - self.gap_m / closed_m)
+            let [x, y, z]: [f32; 3] = way.into();
+            force_of(&self.tangent, &[x, y, z, a, b, c]) * (1.0 - self.gap_m / closed_m)
         } else {
             Vec3::zeros()
         }
@@ -388,8 +450,7 @@ mod tests {
         model.force(
             Rendering::Tangent,
             &model.moved_to(&grip),
-            1.0,
-            Vec3::zeros(),
+            (1.0, &Onward::PLANE),
             now_us,
         )
     }

@@ -7,6 +7,7 @@ use super::bend::Bend;
 use super::contact::{Freshness, LocalContact, STRONGEST_N};
 use super::drift::{Change, Drift};
 use super::needle::LocalNeedle;
+use super::round::Skin;
 use super::rows::{ContactRows, MAX_RESIDUAL};
 use super::thread::LocalThread;
 use super::trust::Trust;
@@ -57,6 +58,8 @@ pub(super) struct Render {
     trust: Trust,
     drift: Drift,
     bend: Bend,
+    /// The last two frames with other normals, the newest first.
+    beside: [Option<Skin>; 2],
     /// See [`left`](Self::left).
     left: f32,
     /// The model is new since the last tick.
@@ -151,6 +154,7 @@ impl Render {
             trust: Trust::FULL,
             drift: Drift::NONE,
             bend: Bend::NONE,
+            beside: [None; 2],
             left: 0.0,
             changed: false,
             through: false,
@@ -171,8 +175,12 @@ impl Render {
         self.contact = None;
         self.rows = ContactRows::NONE;
         (self.needle, self.thread, self.held_until_us) = (None, None, 0);
+<<<<<<< HEAD
         (self.trust, self.bend) = (Trust::FULL, Bend::NONE);
         self.drift = Drift::NONE;
+=======
+        (self.trust, self.bend, self.beside) = (Trust::FULL, Bend::NONE, [None; 2]);
+>>>>>>> v1b
         self.track.count = 0;
         self.start_from_nothing();
     }
@@ -277,6 +285,7 @@ impl Render {
             new.follow(old);
             let way_m = length(&new.across(&new.way_since(old)));
             self.sideways_m = max(SIDEWAYS_M, SIDEWAYS * way_m);
+<<<<<<< HEAD
             match new.change_since(old).filter(|_| !self.holds(now_us)) {
                 Some((foretold, came, span_s)) => {
                     let stiffness = new.stiffness_along(&new.normal);
@@ -307,8 +316,34 @@ impl Render {
                         let force = new.own_force();
                         self.bend.learn(new.place_m(), &new.slope(), &force, 1.0);
                     }
+=======
+            let change = new.change_since(old).filter(|_| !self.holds(now_us));
+            match &change {
+                Some((foretold, came, span_s)) => self.trust.learn(foretold, came, *span_s),
+                None => (self.trust, self.bend) = (Trust::FULL, Bend::NONE),
+            }
+            if self.tuning.guards.bend && !self.holds(now_us) {
+                let mut beside = self.beside.iter().flatten();
+                let shape = beside.find_map(|beside| new.shape_beside(beside));
+                let touched = new.touched_at(old, shape.as_ref());
+                if let Some((place_m, slope)) = touched {
+                    self.bend
+                        .learn(&place_m, &slope, (&Vec3::zeros(), shape), 1.0);
+                }
+                if change.is_some() || touched.is_some() {
+                    let (slope, force) = (new.slope(), new.own_force());
+                    let scale = self.trust.scale();
+                    self.bend
+                        .learn(new.place_m(), &slope, (&force, shape), scale);
+                } else {
+                    self.bend.lie(shape);
+>>>>>>> v1b
                 }
             }
+        }
+        let (skin, [last, _]) = (new.skin(), self.beside);
+        if last.is_none_or(|last| skin.is_elsewhere(&last)) {
+            self.beside = [Some(skin), last];
         }
         let age_us = new.age_us(now_us);
         let farthest = |along: &Vec3| {
@@ -393,7 +428,7 @@ impl Render {
             return Vec3::zeros();
         }
         let dx = contact.moved_to(&at);
-        let tangent = self.by_tangent(&contact, &dx, now_us);
+        let (tangent, normal) = self.by_tangent(&contact, &dx, now_us);
         let model = if self.tuning.rendering == Rendering::Rows {
             self.solved(&contact, grip, &dx, tangent, now_us)
         } else {
@@ -407,7 +442,8 @@ impl Render {
             let faded = (self.offset_n - before) * share;
             // As fast as it goes: a tick's way is of a few steps of an encoder, and swings by them.
             let onward = velocity * TICK_S;
-            self.blend(&contact, &model, &(tangent + faded), onward, now_us);
+            let tangent = tangent + faded;
+            self.blend(&contact, (&model, &normal), &tangent, onward, now_us);
         }
         // A tick on one model says how the force goes on into the next one.
         // Where there was no force, there is no course: the tick of a touch has a part of its way in the air.
@@ -420,18 +456,19 @@ impl Render {
         self.model_n = Some(model);
         let mut force = model + self.offset_n;
         if !self.holds(now_us) {
-            force = self.without_new_pull(&contact.normal, force);
+            force = self.without_new_pull(&normal, force);
         }
         let force = shortened(force, self.max_force_n) * share;
         self.last = Some((force, at));
         force
     }
 
-    /// What the frame says without anything to be solved or remembered: the tangent, or a baseline.
-    fn by_tangent(&self, contact: &LocalContact, dx: &[f32; 6], now_us: u64) -> Vec3 {
+    /// Force that the frame has without anything to be solved or remembered, by the tangent or a baseline \[N\], and the normal there.
+    fn by_tangent(&self, contact: &LocalContact, dx: &[f32; 6], now_us: u64) -> (Vec3, Vec3) {
         let rendering = self.tuning.rendering;
         if self.holds(now_us) {
-            return contact.bilateral(rendering, dx, now_us);
+            let force = contact.bilateral(rendering, dx, now_us);
+            return (force, contact.normal);
         }
         let scale = if self.tuning.guards.trust {
             let age_s = contact.age_us(now_us) as f32 * 1e-6;
@@ -440,11 +477,18 @@ impl Render {
             1.0
         };
         let [x, y, z, ..] = *dx;
+<<<<<<< HEAD
         let way = Vec3::new(x, y, z);
         let (reach, more) = self.bend.onward(&way);
         let dx = &dx.map(|d| d * reach);
         let more = more + self.drifted(contact, now_us);
         contact.force(rendering, dx, scale, more, now_us)
+=======
+        let onward = self.bend.onward(&Vec3::new(x, y, z));
+        let dx = &dx.map(|d| d * onward.reach);
+        let force = contact.force(rendering, dx, (scale, &onward), now_us);
+        (force, onward.turned(&contact.normal))
+>>>>>>> v1b
     }
 
     /// The force with all that the console solves by itself: the needle's and the thread's state, or contact rows.
@@ -480,8 +524,13 @@ impl Render {
         self.rows_share = clamp(self.rows_share + step, 0.0, 1.0);
         let touches = self.rows.multipliers_n().any(|multiplier| multiplier > 0.0);
         let by_rows = if touches {
+<<<<<<< HEAD
             let force = contact.relaxed_force(now_us) + self.drifted(contact, now_us);
             contact.pushing(force + linear_part(&solved.change))
+=======
+            let force = contact.relaxed_force(now_us) + linear_part(&solved.change);
+            contact.pushing(&contact.normal, force)
+>>>>>>> v1b
         } else {
             Vec3::zeros()
         };
@@ -505,7 +554,7 @@ impl Render {
     fn blend(
         &mut self,
         contact: &LocalContact,
-        model: &Vec3,
+        (model, normal): (&Vec3, &Vec3),
         tangent: &Vec3,
         way: Vec3,
         now_us: u64,
@@ -529,11 +578,11 @@ impl Render {
             return;
         }
         let before = contact.moved_to(at);
-        let by_tangent = tangent - self.by_tangent(contact, &before, now_us);
+        let by_tangent = tangent - self.by_tangent(contact, &before, now_us).0;
         let mut continued = force + self.onward(by_tangent, way);
-        self.pull_n = min(dot(&contact.normal, force), 0.0);
+        self.pull_n = min(dot(normal, force), 0.0);
         if !self.holds(now_us) {
-            continued = self.without_new_pull(&contact.normal, continued);
+            continued = self.without_new_pull(normal, continued);
         }
         self.offset_n = continued - model;
     }
