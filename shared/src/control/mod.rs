@@ -74,12 +74,9 @@ pub const LOST_AFTER_US: u32 = 500_000;
 /// Raised by one with every change of the bits that a console computes, that is with every hash that is added to
 /// `tests/golden/identity-trace.txt`; a test compares the two. Changes that no bit shows, as of speed or size, leave it.
 pub const CODE: u32 = 7;
-<<<<<<< HEAD
 
 /// Longest time between two ticks whose motion is believed \[ticks\].
 const MOST_SWALLOWED: u64 = 10;
-=======
->>>>>>> v1b
 
 /// From reading the encoders until the motors act on it \[s\].
 fn delay_s(device: &DeviceDescription) -> f32 {

@@ -175,12 +175,8 @@ impl Render {
         self.contact = None;
         self.rows = ContactRows::NONE;
         (self.needle, self.thread, self.held_until_us) = (None, None, 0);
-<<<<<<< HEAD
-        (self.trust, self.bend) = (Trust::FULL, Bend::NONE);
-        self.drift = Drift::NONE;
-=======
         (self.trust, self.bend, self.beside) = (Trust::FULL, Bend::NONE, [None; 2]);
->>>>>>> v1b
+        self.drift = Drift::NONE;
         self.track.count = 0;
         self.start_from_nothing();
     }
@@ -285,42 +281,27 @@ impl Render {
             new.follow(old);
             let way_m = length(&new.across(&new.way_since(old)));
             self.sideways_m = max(SIDEWAYS_M, SIDEWAYS * way_m);
-<<<<<<< HEAD
-            match new.change_since(old).filter(|_| !self.holds(now_us)) {
+            let change = new.change_since(old).filter(|_| !self.holds(now_us));
+            match &change {
                 Some((foretold, came, span_s)) => {
                     let stiffness = new.stiffness_along(&new.normal);
                     self.drift.learn(&Change {
                         normal: new.normal,
-                        told: foretold,
-                        came,
+                        told: *foretold,
+                        came: *came,
                         stiffness,
                         aside_m: way_m,
-                        span_s,
+                        span_s: *span_s,
                     });
                     // What the surface did says nothing of the tangent.
-                    let drifted = stiffness * self.drift_m_per_s() * span_s;
+                    let drifted = stiffness * self.drift_m_per_s() * *span_s;
                     let came = came - new.normal * drifted;
-                    self.trust.learn(&foretold, &came, span_s);
-                    if self.tuning.guards.bend {
-                        let force = new.own_force();
-                        let scale = self.trust.scale();
-                        self.bend.learn(new.place_m(), &new.slope(), &force, scale);
-                    }
+                    self.trust.learn(foretold, &came, *span_s);
                 }
                 None => {
                     (self.trust, self.bend) = (Trust::FULL, Bend::NONE);
                     self.drift = Drift::NONE;
-                    if let Some(place_m) = new.touched_at(old).filter(|_| self.tuning.guards.bend) {
-                        let none = Vec3::zeros();
-                        self.bend.learn(&place_m, &old.slope(), &none, 1.0);
-                        let force = new.own_force();
-                        self.bend.learn(new.place_m(), &new.slope(), &force, 1.0);
-                    }
-=======
-            let change = new.change_since(old).filter(|_| !self.holds(now_us));
-            match &change {
-                Some((foretold, came, span_s)) => self.trust.learn(foretold, came, *span_s),
-                None => (self.trust, self.bend) = (Trust::FULL, Bend::NONE),
+                }
             }
             if self.tuning.guards.bend && !self.holds(now_us) {
                 let mut beside = self.beside.iter().flatten();
@@ -337,7 +318,6 @@ impl Render {
                         .learn(new.place_m(), &slope, (&force, shape), scale);
                 } else {
                     self.bend.lie(shape);
->>>>>>> v1b
                 }
             }
         }
@@ -477,18 +457,12 @@ impl Render {
             1.0
         };
         let [x, y, z, ..] = *dx;
-<<<<<<< HEAD
         let way = Vec3::new(x, y, z);
-        let (reach, more) = self.bend.onward(&way);
-        let dx = &dx.map(|d| d * reach);
-        let more = more + self.drifted(contact, now_us);
-        contact.force(rendering, dx, scale, more, now_us)
-=======
-        let onward = self.bend.onward(&Vec3::new(x, y, z));
+        let mut onward = self.bend.onward(&way);
+        onward.more += self.drifted(contact, now_us);
         let dx = &dx.map(|d| d * onward.reach);
         let force = contact.force(rendering, dx, (scale, &onward), now_us);
         (force, onward.turned(&contact.normal))
->>>>>>> v1b
     }
 
     /// The force with all that the console solves by itself: the needle's and the thread's state, or contact rows.
@@ -524,13 +498,8 @@ impl Render {
         self.rows_share = clamp(self.rows_share + step, 0.0, 1.0);
         let touches = self.rows.multipliers_n().any(|multiplier| multiplier > 0.0);
         let by_rows = if touches {
-<<<<<<< HEAD
             let force = contact.relaxed_force(now_us) + self.drifted(contact, now_us);
-            contact.pushing(force + linear_part(&solved.change))
-=======
-            let force = contact.relaxed_force(now_us) + linear_part(&solved.change);
-            contact.pushing(&contact.normal, force)
->>>>>>> v1b
+            contact.pushing(&contact.normal, force + linear_part(&solved.change))
         } else {
             Vec3::zeros()
         };
