@@ -69,7 +69,9 @@ pub(super) fn read_tools(
             let hand = hand.filter(|_| driven);
             let poses = poses(hand, way.as_ref(), pose.as_ref());
             let edges = Edges::near(&surface, mesh.points_m(), &shape, &poses);
-            if let Some(flaw) = small_tool(document, at.clone(), &shape.shape, &edges) {
+            let small = small_tool(document, at.clone(), &shape.shape, &edges);
+            let thin = thin_rim(document, at.clone(), &shape.shape, &edges);
+            for flaw in small.into_iter().chain(thin) {
                 let list = match flaw.severity() {
                     Some(Severity::Warning) => &mut *warnings,
                     _ => &mut *notes,
@@ -367,6 +369,34 @@ fn small_tool(document: &Document, at: Range<usize>, shape: &Shape, edges: &Edge
             ),
         ),
     };
+    let label = format!("{in_edges:.1} edges");
+    Some(document.note(severity, at, message, label, Some(&help)))
+}
+
+/// Rim of a flat face below which a warning is due, and a note [mean edges where the tool comes].
+const THIN_RIM: (f64, f64) = (0.5, 1.0);
+
+/// A flat face whose rim the mesh does not resolve. Drawn aside it ploughs: vertices before its side never come under the face. On a linear slab a
+/// punch of 2.7 edges, 0.3 radii deep, lost 52 % of its force with a rim of 0.27 edges in four strokes, and 2 % with one of 1.2.
+fn thin_rim(document: &Document, at: Range<usize>, shape: &Shape, edges: &Edges) -> Option<Flaw> {
+    let (Shape::FlatPunch { fillet_m, .. } | Shape::RoundedBox { fillet_m, .. }) = shape else {
+        return None;
+    };
+    let in_edges = fillet_m / edges.near_m;
+    let severity = match in_edges {
+        thin if thin < THIN_RIM.0 => Severity::Warning,
+        thin if thin < THIN_RIM.1 => Severity::Advice,
+        _ => return None,
+    };
+    let message = format!(
+        "a rim of {:.1} mm on edges of {:.1} mm: drawn aside, the face ploughs, and its force may fall by half without a word",
+        fillet_m * 1e3,
+        edges.near_m * 1e3
+    );
+    let help = format!(
+        "pressed straight it is right; to draw it aside, take a `fillet_m` of {:.4} m or more, or a finer mesh",
+        edges.near_m
+    );
     let label = format!("{in_edges:.1} edges");
     Some(document.note(severity, at, message, label, Some(&help)))
 }

@@ -437,7 +437,7 @@ pub(super) fn of_encoders(document: &Document, file: &DeviceFile) -> Vec<Flaw> {
         let message = format!(
             "joint {joint}: {} = {}: a step of {}, larger than {}",
             key.name,
-            said.get_ref(),
+            short(*said.get_ref()),
             length(step_m),
             length(COARSEST_M)
         );
@@ -466,6 +466,16 @@ pub(super) fn of_encoders(document: &Document, file: &DeviceFile) -> Vec<Flaw> {
         }
     }
     warned
+}
+
+/// A number in the shortest form that says it.
+fn short(value: f64) -> String {
+    let (plain, scientific) = (format!("{value}"), format!("{value:e}"));
+    if plain.len() > scientific.len() + 3 {
+        scientific
+    } else {
+        plain
+    }
 }
 
 /// The key of an encoder, its unit, and the factor from the unit that it is most easily mistaken for.

@@ -136,9 +136,12 @@ impl LocalContact {
         }
         let moved = self.grip.moved_from(&before.grip);
         let way = self.way_since(before);
-        let (here, there) = (self.skin(), before.skin());
-        let onward = before.beyond_tangent(before.shape_beside(&here).as_ref(), &way);
-        let back = self.beyond_tangent(self.shape_beside(&there).as_ref(), &-way);
+        // Light contacts alone ask for normals.
+        let shape = |of: &LocalContact, other: &LocalContact| {
+            of.shape_or(|slope| Shape::of_normals(slope, &other.skin(), &of.skin()))
+        };
+        let onward = before.beyond_tangent(shape(before, self).as_ref(), &way);
+        let back = self.beyond_tangent(shape(self, before).as_ref(), &-way);
         let plane = force_of(&self.tangent, &moved) + force_of(&before.tangent, &moved);
         let told = (plane + onward - back) * 0.5;
         let span_us = self.console_time_us.saturating_sub(before.console_time_us);
@@ -158,10 +161,16 @@ impl LocalContact {
     }
 
     /// Shape of the body here: by the tangent, else by the normals here and at another place.
-    pub fn shape_beside(&self, other: &Skin) -> Option<Shape> {
+    pub fn shape_beside(&self, skin: &Skin, others: &[Option<Skin>]) -> Option<Shape> {
+        others.first().copied().flatten()?;
+        let mut others = others.iter().flatten();
+        self.shape_or(|slope| others.find_map(|other| Shape::of_normals(slope, other, skin)))
+    }
+
+    /// The same with another source in place of the normals.
+    fn shape_or(&self, other: impl FnOnce(&[f32; 6]) -> Option<Shape>) -> Option<Shape> {
         let slope = self.slope();
-        let by_tangent = Shape::of_contact(&slope, &self.own_force());
-        by_tangent.or_else(|| Shape::of_normals(&slope, other, &self.skin()))
+        Shape::of_contact(&slope, &self.own_force()).or_else(|| other(&slope))
     }
 
     /// The skin as this frame has it.
@@ -198,16 +207,21 @@ impl LocalContact {
         before: &LocalContact,
         shape: Option<&Shape>,
     ) -> Option<(Vec3, [f32; 6])> {
+        if before.gap_m <= 0.0 || self.gap_m > 0.0 {
+            return None;
+        }
         let way = before.grip.position_m - self.grip.position_m;
         let turn = shape.and_then(|shape| shape.turn(&way));
         let on_skin = turn.map_or(way, |turn| turn.on_skin(&way));
         let deep_m = dot(&self.normal, &on_skin) - before.gap_m;
-        let touches = before.gap_m > 0.0 && self.gap_m <= 0.0 && deep_m > 0.0;
+        if deep_m <= 0.0 {
+            return None;
+        }
         let slope = before.slope();
         let slope = turn.map_or(slope, |turn| {
             in_axes(&slope, AXES.map(|axis| turn.turned(&axis)))
         });
-        touches.then(|| (self.grip.position_m + self.normal * deep_m, slope))
+        Some((self.grip.position_m + self.normal * deep_m, slope))
     }
 
     /// Where it was solved for \[m\].

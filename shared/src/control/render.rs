@@ -277,6 +277,7 @@ impl Render {
         }
         self.hold(needle, thread, &new);
         self.sideways_m = SIDEWAYS_M;
+        let skin = new.skin();
         if let Some(old) = &self.contact {
             new.follow(old);
             let way_m = length(&new.across(&new.way_since(old)));
@@ -304,8 +305,7 @@ impl Render {
                 }
             }
             if self.tuning.guards.bend && !self.holds(now_us) {
-                let mut beside = self.beside.iter().flatten();
-                let shape = beside.find_map(|beside| new.shape_beside(beside));
+                let shape = new.shape_beside(&skin, &self.beside);
                 let touched = new.touched_at(old, shape.as_ref());
                 if let Some((place_m, slope)) = touched {
                     self.bend
@@ -321,7 +321,7 @@ impl Render {
                 }
             }
         }
-        let (skin, [last, _]) = (new.skin(), self.beside);
+        let [last, _] = self.beside;
         if last.is_none_or(|last| skin.is_elsewhere(&last)) {
             self.beside = [Some(skin), last];
         }

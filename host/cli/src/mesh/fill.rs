@@ -109,17 +109,18 @@ pub fn fill(args: &FillArgs, global: &Global) -> Result<(), Failure> {
     if let Some(refusal) = &report.refusal {
         tracing::warn!("scenes will refuse this mesh: {refusal}");
     }
-    for hint in &said {
-        tracing::warn!("{}: {}", hint.message, hint.help);
-    }
     let off = report.nodes as f64 / f64::from(args.nodes) - 1.0;
     if off.abs() > CLOSE {
-        tracing::warn!(
-            "{} nodes were asked for, {} is as near as {} runs of gmsh came: a surface that is narrow for so few nodes has more",
-            args.nodes,
-            report.nodes,
-            found.runs
-        );
+        said.push(Hint {
+            message: format!(
+                "{} nodes were asked for, {} is as near as {} runs of gmsh came",
+                args.nodes, report.nodes, found.runs
+            ),
+            help: "a surface that is narrow for so few nodes has more".to_owned(),
+        });
+    }
+    for hint in &said {
+        tracing::warn!("{}: {}", hint.message, hint.help);
     }
     let trial = match report.nodes <= QUICK_NODES {
         true => measure(found.mesh, args.rows),

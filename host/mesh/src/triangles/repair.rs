@@ -33,6 +33,9 @@ pub struct Repaired {
     pub hollows: usize,
 }
 
+/// Triangles of a part that are looked at to say whether it lies in another.
+const CORNERS_LOOKED_AT: usize = 16;
+
 impl TriangleMesh {
     /// Welds points that lie on others, drops triangles without three corners and those that are there again, splits open edges at
     /// points on them, fills holes that are small or flat, and turns triangles until all look outwards; what lies inside another
@@ -266,19 +269,22 @@ impl TriangleMesh {
         hollows.into_iter().filter(|is_hollow| *is_hollow).count()
     }
 
-    /// The other parts that each part lies in.
+    /// The other parts that each part lies in: its box does, and corners of it all over, since parts that cut each other lie in none.
     fn parts_around(&self, parts: &[Vec<usize>]) -> Vec<Vec<usize>> {
         let bounds: Vec<_> = parts
             .iter()
             .map(|part| self.bounds(part.iter().copied()))
             .collect();
         let around = parts.iter().enumerate().map(|(own, part)| {
-            let at = self.corners(part[0])[0];
+            let (least, most) = bounds[own];
+            let every = part.len().div_ceil(CORNERS_LOOKED_AT);
             let holds = |other: &usize| {
                 let (low, high) = bounds[*other];
+                let mut looked_at = part.iter().step_by(every);
                 *other != own
-                    && (0..3).all(|k| low[k] <= at[k] && at[k] <= high[k])
-                    && self.winds_around(&parts[*other], &at)
+                    && (0..3).all(|k| low[k] <= least[k] && most[k] <= high[k])
+                    && looked_at
+                        .all(|each| self.winds_around(&parts[*other], &self.corners(*each)[0]))
             };
             (0..parts.len()).filter(holds).collect()
         });

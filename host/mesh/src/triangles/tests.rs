@@ -467,6 +467,21 @@ fn parts_inside_others_are_hollows() {
     }
 }
 
+/// Boxes that cut each other are two bodies, whichever has a corner in the other.
+#[test]
+fn parts_that_cut_each_other_are_no_hollows() {
+    for (one, other) in [(5.0, 15.0), (5.0, 8.0), (-5.0, 8.0), (-1.0, 10.0)] {
+        let mut surface = both(cuboid(0.0, 10.0), &cuboid(one, other));
+        let repaired = surface.repair().expect("boxes");
+        assert_eq!((repaired.parts, repaired.hollows), (2, 0), "{one} {other}");
+        let bodies = surface.bodies().expect("boxes");
+        let volumes: Vec<_> = bodies.iter().map(volume).collect();
+        assert_eq!(volumes.len(), 2, "{one} {other}");
+        assert!((volumes[0] - 1000.0).abs() < 1e-9, "{volumes:?}");
+        assert!((volumes[1] - other.powi(3)).abs() < 1e-9, "{volumes:?}");
+    }
+}
+
 #[test]
 fn what_others_have_to_mend_is_told_with_its_faces() {
     let refused = |change: &dyn Fn(&mut TriangleMesh)| {
