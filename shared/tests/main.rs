@@ -11,6 +11,7 @@ mod control;
 mod events;
 mod grip;
 mod kinematics;
+mod lag;
 mod link;
 mod needle_and_thread;
 mod onset;
