@@ -20,6 +20,7 @@ mod ramps;
 mod rig;
 mod rows_values;
 mod simulated_console;
+mod stalls;
 mod turned;
 mod virtual_device;
 mod wire_frames;
