@@ -233,12 +233,12 @@ fn the_first_force_after_arming_is_nothing_whatever_was_known_before() {
     for tick in 2..=60 {
         let now = console.tick().state.force_n[2];
         assert!(
-            now > before && now - before < 0.0045 + 1e-6,
+            now > before && now - before < 0.00495 + 1e-6,
             "{tick}: {now}"
         );
         before = now;
     }
-    assert!((before - 0.0045 * 59.0).abs() < 5e-3, "{before}");
+    assert!((before - 0.00495 * 59.0).abs() < 5e-3, "{before}");
     // What is too old when the console is armed is no contact at all.
     console.control.command(Command::Disarm);
     console.wait(300);

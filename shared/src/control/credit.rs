@@ -10,17 +10,22 @@ use super::TICK_S;
 use crate::math::{clamp, max, min};
 
 /// Rate at which a force comes back \[N/s\], below the 5 N/s that it may by what encoders' steps add.
-const RATE_N_PER_S: f32 = 4.5;
+const RATE_N_PER_S: f32 = 4.95;
 /// Speeds of a grip on its way out from which on it comes back slower, and no further \[m/s\]: a light hand is not thrown past
 /// where it rests.
 const PUSHED_OUT: (f32, f32) = (0.02, 0.04);
 /// Most that is lent \[J\]: 6 to 13 mJ are at stake in a press of 1 to 3 N. With what a tank has at the start it is 15 mJ.
 const LIMIT_J: f32 = 14.5e-3;
-/// Part of the horizon for which the force may be gone without being lost: the hand has hardly moved, and where frames come so
-/// seldom that one of them makes this gap the force would never be there.
+/// Part of a force with less of which left it is gone.
+const GONE: f32 = 0.05;
+/// Part of the horizon for which it may be gone without being lost to a hand that moves: where frames come so seldom that one of them makes this
+/// gap, the force would never be there.
 const DIP: f32 = 0.2;
 /// Longer than any dip \[s\].
 const NEVER_S: f32 = 1.0;
+/// Ticks for which a hand has rested in tissue whose force is withheld, after which that comes back: a dip has made it sink in, or
+/// whatever else.
+const LACKS_TICKS: u16 = 25;
 /// A force that is not covered goes on the way out at so many times the slope of its spring.
 const GOES: f32 = 4.0;
 /// Slower motion is none \[m/s\]: an encoder's step looks like that.
@@ -42,6 +47,8 @@ pub(super) struct Credit {
     calm_ticks: u8,
     /// Time for which contact data has been too old, or not there \[s\].
     gone_s: f32,
+    /// Ticks, less those of a moving hand, for which force has been missing.
+    lacking: u16,
 }
 
 impl Credit {
@@ -51,6 +58,7 @@ impl Credit {
         level_n: Some(0.0),
         calm_ticks: 0,
         gone_s: NEVER_S,
+        lacking: 0,
     };
 
     /// Lent and not paid back \[J\].
@@ -69,16 +77,31 @@ impl Credit {
         self.calm_ticks = 0;
     }
 
-    /// Takes note of whether there is contact data that may be used, and for how long it is good \[s\]: the first after
-    /// nothing, and after an outage, may find the tool inside. `before_n`: the force of the last tick \[N\], a fixture's.
-    pub fn watch(&mut self, is_there: bool, horizon_s: f32, before_n: f32) {
-        if !is_there {
+    /// Takes note of what the age of contact data leaves of its force, 0 to 1, for how long it is good \[s\], and whether the grip rests:
+    /// the first after nothing, and after an outage, may find the tool inside. `before_n`: the force of the last tick \[N\], a fixture's.
+    pub fn watch(&mut self, left: f32, horizon_s: f32, before_n: f32, rests: bool) {
+        if left < GONE {
             self.gone_s = min(self.gone_s + TICK_S, NEVER_S);
+            return;
+        }
+        if self.gone_s > DIP * horizon_s || self.gone_s > 0.0 && rests {
+            self.lose(before_n);
+        }
+        self.gone_s = 0.0;
+    }
+
+    /// Takes note of whether a part of a force is withheld, with what is let through of it \[N\]. What a hand that rests
+    /// lacks comes back.
+    pub fn lack(&mut self, lacks: bool, allowed_n: f32, rests: bool) {
+        if !lacks || self.gone_s > 0.0 || self.is_open() {
+            self.lacking = 0;
+        } else if !rests {
+            self.lacking = self.lacking.saturating_sub(1);
         } else {
-            if self.gone_s > DIP * horizon_s {
-                self.lose(before_n);
+            self.lacking += 1;
+            if self.lacking >= LACKS_TICKS {
+                self.lose(allowed_n);
             }
-            self.gone_s = 0.0;
         }
     }
 
@@ -87,7 +110,7 @@ impl Credit {
     pub fn raise(&mut self, size: f32, speed: f32, stiffness: f32, covered_n: f32) -> Option<f32> {
         let level = self.level_n.as_mut()?;
         let (slow, fast) = PUSHED_OUT;
-        let mut rate = RATE_N_PER_S * clamp((fast - speed) * (1.0 / (fast - slow)), 0.0, 1.0);
+        let mut rate = RATE_N_PER_S * clamp((fast - speed.abs()) * (1.0 / (fast - slow)), 0.0, 1.0);
         if *level > covered_n {
             rate -= GOES * stiffness * max(speed - SLOWEST, 0.0);
         }
@@ -155,8 +178,8 @@ mod tests {
 
     #[test]
     fn a_force_comes_back_at_its_rate_and_slower_where_it_pushes_the_hand_out() {
-        assert!((after(100, 0.0, 10.0) - 0.45).abs() < 1e-4);
-        assert!((after(100, 0.03, 10.0) - 0.225).abs() < 1e-4);
+        assert!((after(100, 0.0, 10.0) - 0.495).abs() < 1e-4);
+        assert!((after(100, 0.03, 10.0) - 0.2475).abs() < 1e-4);
         assert_eq!(after(100, 0.05, 10.0), 0.0);
         assert_eq!(after(2000, 0.0, 10.0), 3.0);
         // Uncovered it goes on the way out, 4 times as fast as its spring.
@@ -169,7 +192,7 @@ mod tests {
         let lent: f32 = (0..10).map(|_| credit.draw(2e-3)).sum();
         assert!((lent - LIMIT_J).abs() < 1e-7 && credit.draw(1e-3) < 1e-7);
         // An outage brings no new one.
-        credit.watch(false, 0.1, 0.0);
+        credit.watch(0.0, 0.1, 0.0, true);
         credit.lose(0.0);
         assert!(credit.draw(1e-3) < 1e-7);
         credit.pay(4e-3);
@@ -179,16 +202,29 @@ mod tests {
     }
 
     #[test]
-    fn only_a_long_gap_is_an_outage() {
-        let open_after = |ticks: u32| {
+    fn what_is_gone_comes_back_and_what_a_resting_hand_lacks() {
+        let back = || {
             let mut credit = Credit::NEW;
-            credit.watch(true, 0.1, 0.0);
+            credit.watch(1.0, 0.1, 0.0, true);
             credit.end();
-            (0..ticks).for_each(|_| credit.watch(false, 0.1, 0.0));
-            credit.watch(true, 0.1, 0.0);
+            credit
+        };
+        let open_after = |ticks: u32, left: f32, rests: bool| {
+            let mut credit = back();
+            (0..ticks).for_each(|_| credit.watch(left, 0.1, 0.0, rests));
+            credit.watch(1.0, 0.1, 0.0, rests);
             credit.is_open()
         };
-        assert!(!open_after(0) && !open_after(19) && open_after(22));
+        assert!(!open_after(99, 0.1, true) && open_after(1, 0.04, true));
+        assert!(!open_after(19, 0.0, false) && open_after(22, 0.0, false));
+        let lacking = |ticks: u16, rests: bool| {
+            let mut credit = back();
+            (0..ticks).for_each(|_| credit.lack(true, 1.0, rests));
+            credit.level_n
+        };
+        assert_eq!(lacking(LACKS_TICKS - 1, true), None);
+        assert_eq!(lacking(LACKS_TICKS, true), Some(1.0));
+        assert_eq!(lacking(1000, false), None);
     }
 
     #[test]

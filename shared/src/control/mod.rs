@@ -561,7 +561,7 @@ impl Control {
             along: (along + self.fixed.stiffness_along(&bounded)) * ramp,
             most: (most + self.fixed.stiffness()) * ramp,
             ramp,
-            is_there: self.render.left() > 0.0,
+            left: self.render.left(),
             horizon_s: self.render.contact().map_or(0.0, LocalContact::horizon_s),
             is_apart: self.render.is_apart(),
             drift_m_per_s: self.render.drift_m_per_s(),

@@ -33,6 +33,10 @@ const LEAK: f32 = TICK_S;
 const PAID: f32 = 10.0 * TICK_S;
 /// Part of a force, and size \[N\], that a finger notices when they are missing.
 const NOTICED: (f32, f32) = (0.1, 0.03);
+/// Part of a force, and size \[N\], whose lack brings it back to a hand that rests: half of what is noticed.
+const LACKS: (f32, f32) = (0.05, 0.03);
+/// Speed below which a grip rests \[m/s\]: an encoder's step looks faster than it is.
+const RESTS: f32 = 0.01;
 /// Part of the tank that one tick may plan to give: the hand's own acceleration is not known.
 const SHARE: f32 = 0.7;
 /// Stiffness with which a force must be covered by the tank, over that of the local model: what wrong tangents
@@ -92,8 +96,9 @@ pub(super) struct Local {
     pub along: f32,
     /// Largest stiffness that it may have along any direction \[N/m\].
     pub most: f32,
-    /// There is one that is not too old to be used, and for how long it is good \[s\].
-    pub is_there: bool,
+    /// Part of its force that its age leaves, 0 to 1; 0 where there is none.
+    pub left: f32,
+    /// For how long it is good \[s\].
     pub horizon_s: f32,
     /// It has no force at this place, whatever of another model still fades.
     pub is_apart: bool,
@@ -208,8 +213,10 @@ impl Passivity {
         let square = dot(wanted, wanted);
         let along = max(local.along, SOFTEST);
         self.widen_band(pose, local.most);
+        let speed = pose.velocity(velocity);
+        let rests = dot(&speed, &speed) < RESTS * RESTS;
         self.credit
-            .watch(local.is_there, local.horizon_s, self.before_n);
+            .watch(local.left, local.horizon_s, self.before_n, rests);
         let stored_j = STORED * 0.5 * square / along;
         self.drift(local.drift_m_per_s, stored_j);
         self.leak(stored_j);
@@ -232,6 +239,11 @@ impl Passivity {
         }
         let missing = size * (1.0 - share);
         self.withholds = self.guards.tank && missing > NOTICED.0 * size + NOTICED.1;
+        if self.guards.credit {
+            // A host that tells forces alone says nothing of what a spring has stored.
+            let lacks = missing > LACKS.0 * size + LACKS.1 && local.most > SOFTEST;
+            self.credit.lack(lacks, share * size, rests);
+        }
         if self.guards.damping && share < 1.0 && !self.is_returning() {
             let damping = self.damper(pose, velocity) * (1.0 - share);
             // What lets go of the tool must not hold it.
@@ -244,7 +256,6 @@ impl Passivity {
             };
         }
         if self.credit.owed_j() > 0.0 {
-            let speed = pose.velocity(velocity);
             allowed -= speed * self.credit.drag(libm::sqrtf(dot(&speed, &speed)));
         }
         allowed
@@ -560,7 +571,7 @@ mod tests {
             &Local {
                 along: 1000.0,
                 most: 1000.0,
-                is_there: true,
+                left: 1.0,
                 horizon_s: 0.1,
                 is_apart: false,
                 ramp: 1.0,

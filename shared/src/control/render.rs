@@ -29,6 +29,10 @@ const TOLD_M: f32 = 10e-6;
 /// other parts of the surface, which are as likely more of the same.
 const SIDEWAYS_M: f32 = 3e-3;
 const SIDEWAYS: f32 = 1.5;
+/// A smaller force is zero \[N\].
+const LEAST_N: f32 = 1e-9;
+/// A smaller force is none as to how it goes on \[N\].
+const NONE_N: f32 = 1e-4;
 /// Part by which rows give way to the tangent, or come back, in a tick: all of it in 10 ms.
 const GIVE_WAY: f32 = 0.1;
 
@@ -423,12 +427,13 @@ impl Render {
             // As fast as it goes: a tick's way is of a few steps of an encoder, and swings by them.
             let onward = velocity * TICK_S;
             let tangent = tangent + faded;
-            self.blend(&contact, (&model, &normal), &tangent, onward, now_us);
+            self.blend(&contact, &dx, (&model, &normal), &tangent, onward, now_us);
         }
         // A tick on one model says how the force goes on into the next one.
-        // Where there was no force, there is no course: the tick of a touch has a part of its way in the air.
+        // Where a force sets in or ends, there is no course: such a tick has a part of its way in the air.
+        let is_none = |force: &Vec3| dot(force, force) < NONE_N * NONE_N;
         self.course = match (self.model_n, way) {
-            (Some(before), _) if before == Vec3::zeros() => None,
+            (Some(before), _) if is_none(&before) || is_none(&model) => None,
             (Some(before), Some(way)) if !is_new => Some((model - before, way)),
             (None, Some(_)) if !is_new => self.course,
             _ => None,
@@ -438,7 +443,11 @@ impl Render {
         if !self.holds(now_us) {
             force = self.without_new_pull(&normal, force);
         }
-        let force = shortened(force, self.max_force_n) * share;
+        let mut force = shortened(force, self.max_force_n) * share;
+        if dot(&force, &force) < LEAST_N * LEAST_N {
+            // What has faded so far is over.
+            force = Vec3::zeros();
+        }
         self.last = Some((force, at));
         force
     }
@@ -523,6 +532,7 @@ impl Render {
     fn blend(
         &mut self,
         contact: &LocalContact,
+        dx: &[f32; 6],
         (model, normal): (&Vec3, &Vec3),
         tangent: &Vec3,
         way: Vec3,
@@ -547,7 +557,12 @@ impl Render {
             return;
         }
         let before = contact.moved_to(at);
-        let by_tangent = tangent - self.by_tangent(contact, &before, now_us).0;
+        let mut by_tangent = tangent - self.by_tangent(contact, &before, now_us).0;
+        if let Some(thread) = &self.thread {
+            // One that goes slack on the way does not push.
+            let now = linear_part(&thread.correction(dx));
+            by_tangent += now - linear_part(&thread.correction(&before));
+        }
         let mut continued = force + self.onward(by_tangent, way);
         self.pull_n = min(dot(normal, force), 0.0);
         if !self.holds(now_us) {

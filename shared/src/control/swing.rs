@@ -36,6 +36,21 @@ const STEP_S: f32 = 0.05e-3;
 const MOST_S: f32 = 2.5e-3;
 /// Half-waves with all the lead that there is, after which it did not help.
 const IN_VAIN: u16 = 4;
+/// Force above which a bounce has begun \[N\], and part of its largest below which it is over: what a swap has left fades for a while.
+const LIGHT_N: f32 = 0.05;
+const FADED: f32 = 0.05;
+/// Slower bounces tell nothing \[m/s\].
+const SLOWEST: f32 = 0.02;
+/// Half-wave of a bounce, as the square of its ratio to the console's own: from one that is bent to that of a mass one with the grip.
+const BOUNCES: (f32, f32) = (0.4, 4.0);
+/// Depth of a bounce over that of a sine with its speed and time: a hand that taps stays, or turns at once.
+const DEPTH: (f32, f32) = (0.8, 2.0);
+/// Speed on the way out over that on the way in from which on a bounce has been given energy, and bounces in a row until it is no hand.
+const GIVEN: f32 = 1.02;
+const SAME_BOUNCES: u16 = 2;
+/// Part of the delay that a bounce tells which is added to the lead, and the most of one bounce \[s\].
+const LEARNT: f32 = 0.7;
+const BOUNCE_S: f32 = 0.4e-3;
 /// Share of the lead that is forgotten in a tick: a time constant of half a minute.
 const LEAK: f32 = TICK_S / 30.0;
 
@@ -62,8 +77,53 @@ pub(super) struct Swing {
     /// Half-waves in a row that did not calm down, and of these, those with all the lead that there is.
     same: u16,
     in_vain: u16,
+    bounce: Bounce,
+    /// Bounces in a row that were given energy.
+    bounces: u16,
     /// What is added to the lead \[s\].
     lead_s: f32,
+}
+
+/// Contact since it began.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Bounce {
+    ticks: u16,
+    /// Largest force \[N\], and way in \[m\].
+    most_n: f32,
+    deep_m: f32,
+    /// How fast at most, on the way in and out \[m/s\].
+    inward: f32,
+    outward: f32,
+    /// Square of the console's own angular frequency where it turned \[1/s^2\].
+    square_per_s2: f32,
+}
+
+impl Bounce {
+    const NONE: Bounce = Bounce {
+        ticks: 0,
+        most_n: 0.0,
+        deep_m: 0.0,
+        inward: 0.0,
+        outward: 0.0,
+        square_per_s2: 0.0,
+    };
+
+    /// By how much later than described the force acted \[s\], if it has given energy: a delay t is a damper of -K t, with which half a
+    /// wave of the angular frequency w ends exp(pi w t / 2) times as fast as it began.
+    fn late_s(&self) -> Option<f32> {
+        let half_s = f32::from(self.ticks) * TICK_S;
+        let radian_s = half_s * (1.0 / PI);
+        let ratio = radian_s * radian_s * self.square_per_s2;
+        let is_own = (BOUNCES.0..BOUNCES.1).contains(&ratio);
+        let sine_m = self.inward * radian_s;
+        let is_sine = (DEPTH.0 * sine_m..DEPTH.1 * sine_m).contains(&self.deep_m);
+        if !is_own || !is_sine || self.inward < SLOWEST || self.outward < GIVEN * self.inward {
+            return None;
+        }
+        // The logarithm of their ratio, to its third order.
+        let log = 2.0 * (self.outward - self.inward) / (self.outward + self.inward);
+        Some((2.0 / PI) * radian_s * log)
+    }
 }
 
 /// The half-wave so far.
@@ -100,6 +160,8 @@ impl Swing {
         touched: false,
         same: 0,
         in_vain: 0,
+        bounce: Bounce::NONE,
+        bounces: 0,
         lead_s: 0.0,
     };
 
@@ -115,6 +177,7 @@ impl Swing {
             self.direction = force * (1.0 / size);
         }
         let speed = dot(&self.direction, velocity);
+        self.watch_bounce(size, speed, &along);
         self.slow += (speed - self.slow) * (TICK_S / SLOW_S);
         let swing = speed - self.slow;
         self.lead_s -= self.lead_s * LEAK;
@@ -131,6 +194,34 @@ impl Swing {
             self.wave = HalfWave::new(outward);
         }
         self.wave.peak = max(self.wave.peak, swing.abs());
+    }
+
+    /// A contact that begins and ends as a mass on a spring does must not end faster than it began.
+    fn watch_bounce(&mut self, size: f32, speed: f32, along: impl Fn(&Vec3) -> Along) {
+        let bounce = &mut self.bounce;
+        if size > max(LIGHT_N, FADED * bounce.most_n) {
+            bounce.most_n = max(bounce.most_n, size);
+            bounce.ticks = bounce.ticks.saturating_add(1);
+            bounce.deep_m += max(-speed, 0.0) * TICK_S;
+            bounce.inward = max(bounce.inward, -speed);
+            bounce.outward = max(bounce.outward, speed);
+            if speed > 0.0 && bounce.square_per_s2 <= 0.0 {
+                bounce.square_per_s2 = along(&self.direction).square_per_s2;
+            }
+            return;
+        }
+        if bounce.ticks == 0 {
+            return;
+        }
+        let late_s = core::mem::replace(bounce, Bounce::NONE).late_s();
+        let Some(late_s) = late_s else {
+            self.bounces = 0;
+            return;
+        };
+        self.bounces = self.bounces.saturating_add(1);
+        if self.bounces >= SAME_BOUNCES {
+            self.lead_s = min(self.lead_s + min(LEARNT * late_s, BOUNCE_S), MOST_S);
+        }
     }
 
     /// A half-wave is over.
@@ -246,5 +337,42 @@ mod tests {
             swing.watch(&force, &Vec3::new(0.0, 0.0, speed), along);
         }
         assert_eq!(swing.lead_s(), 0.0);
+    }
+
+    /// Bounces on 1500 N/m, each so many times as fast on its way out as on its way in.
+    fn after_bounces(count: u32, grows: f32, ticks: u16) -> f32 {
+        let mut swing = Swing::NONE;
+        let along = |_: &Vec3| Along {
+            square_per_s2: 1500.0 / MASS_KG,
+            step_m: STEP_M,
+        };
+        let mut size = 0.1;
+        for _ in 0..count {
+            for tick in 0..ticks {
+                let w = PI * f32::from(tick) / f32::from(ticks);
+                let force = Vec3::new(0.0, 0.0, libm::sinf(w));
+                let speed = -size * libm::cosf(w);
+                swing.watch(&force, &Vec3::new(0.0, 0.0, speed), along);
+                if 2 * tick == ticks {
+                    size *= grows;
+                }
+            }
+            for tick in 0..60_u16 {
+                let speed = size * (1.0 - f32::from(tick) / 30.0);
+                swing.watch(&Vec3::zeros(), &Vec3::new(0.0, 0.0, speed), along);
+            }
+        }
+        swing.lead_s()
+    }
+
+    #[test]
+    fn bounces_that_are_given_energy_are_led_by_more() {
+        // Half a wave of 0.1 kg on 1500 N/m takes 26 ms, and one of 1 ms late ends exp(0.19) times as fast.
+        assert_eq!(after_bounces(1, 1.2, 26), 0.0);
+        let lead_s = after_bounces(2, 1.2, 26);
+        assert!((0.1e-3..=BOUNCE_S).contains(&lead_s), "{lead_s}");
+        assert_eq!(after_bounces(5, 0.95, 26), 0.0);
+        // A hand that taps takes its time.
+        assert_eq!(after_bounces(5, 1.2, 80), 0.0);
     }
 }
