@@ -9,7 +9,7 @@
 use super::{Contact, Load, ToolContacts, TouchingTools, Turning};
 use crate::anchors::{ConstraintSet, ConstraintSystem};
 use crate::step::{MAX_TOOL_ROWS, ToolRowKind, ToolRows};
-use nalgebra::{Matrix6, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3, Matrix3x2, Matrix6, Vector2, Vector3};
 use sutura_factor::Lu;
 
 /// Rows of a cone.
@@ -17,6 +17,9 @@ const AXES: usize = 3;
 
 /// Arms of friction that are shorter by more than this part than those of what it is of are not made longer.
 const MOST_FARTHER: f64 = 0.5;
+
+/// Part of its elastic stretch by which a cone has slipped when it no longer sticks across its way.
+const SLIPPED: f64 = 0.1;
 
 /// Forces as part of the largest one, and squares of ways \[m^2\], that differ by less are the same: where a scene is
 /// symmetric what is first is not for a rounding to say.
@@ -298,6 +301,7 @@ impl Cones {
         self.spread(m);
         let each = &tools.each[tool as usize];
         let held = tangent - self.follows(m);
+        let held = self.without_friction(held);
         *out = ToolRows::NONE;
         out.count = m;
         for touch in &self.touches {
@@ -442,7 +446,8 @@ impl Cones {
         }
     }
 
-    /// How the wrench follows the pose by these cones as they stick, slip or are open now.
+    /// How the wrench follows the pose by these cones as they stick, slip or are open now. A cone that slips gives way along its friction;
+    /// across that it sticks as long as it has hardly slipped, and turns then.
     fn follows(&mut self, m: usize) -> Matrix6<f64> {
         if m == 0 {
             return Matrix6::zeros();
@@ -452,24 +457,73 @@ impl Cones {
         self.rhs[..6 * m].copy_from_slice(&self.j[..6 * m]);
         for touch in &self.touches {
             let (first, open) = (touch.row, touch.lead.lambda_n[0] <= 0.0);
-            let normal = self.lambda[first];
-            for row in first..first + touch.axes {
-                if !(open || (row > first && touch.lead.slips)) {
-                    continue;
+            let rows = first..first + touch.axes;
+            if open {
+                for row in rows {
+                    (0..m).for_each(|column| matrix[m * column + row] = 0.0);
+                    (0..6).for_each(|pose| self.rhs[m * pose + row] = 0.0);
+                    matrix[m * row + row] = 1.0;
                 }
-                for column in 0..m {
-                    matrix[m * column + row] = f64::from(u8::from(column == row));
-                }
-                for pose in 0..6 {
-                    self.rhs[m * pose + row] = 0.0;
-                }
-                if !open {
-                    // What slips keeps its direction.
-                    matrix[m * first + row] = -self.lambda[row] / normal;
-                }
+                continue;
+            }
+            if touch.axes == 1 || !touch.lead.slips {
+                continue;
+            }
+            let (a, b) = (first + 1, first + 2);
+            let friction = Vector2::new(self.lambda[a], self.lambda[b]);
+            let part = friction.norm() / self.lambda[first];
+            let along = friction.try_normalize(0.0).unwrap_or_else(Vector2::x);
+            let [_, x, y] = touch.lead.slip_m();
+            let stretch_m = 0.5 * (self.w[m * a + a] + self.w[m * b + b]) * friction.norm();
+            let sticks_across = x.hypot(y) < SLIPPED * stretch_m;
+            // The second row is the one across, the first one the law of what slips.
+            for column in 0..m {
+                let own = &mut matrix[m * column..m * (column + 1)];
+                own[b] = along.x * own[b] - along.y * own[a];
+                own[a] = 0.0;
+            }
+            for pose in 0..6 {
+                let own = &mut self.rhs[m * pose..m * (pose + 1)];
+                own[b] = along.x * own[b] - along.y * own[a];
+                own[a] = 0.0;
+            }
+            matrix[m * a + a] = along.x;
+            matrix[m * b + a] = along.y;
+            matrix[m * first + a] = -part;
+            if !sticks_across {
+                (0..m).for_each(|column| matrix[m * column + b] = 0.0);
+                (0..6).for_each(|pose| self.rhs[m * pose + b] = 0.0);
+                (matrix[m * a + b], matrix[m * b + b]) = (-along.y, along.x);
             }
         }
         self.solve(m)
+    }
+
+    /// `held` without the stiffness that holds a tool back across its normal: turning normals of a convex tool make none. It is of contacts
+    /// that stick beside what their cones have, and would hold however far the tool goes.
+    fn without_friction(&self, mut held: Matrix6<f64>) -> Matrix6<f64> {
+        let pressing = self.members.iter().filter(|member| member.presses());
+        let along: Vector3<f64> = pressing
+            .map(|member| member.contact.normal * member.contact.lambda_n[0])
+            .sum();
+        let Some(normal) = along.try_normalize(0.0).filter(|_| self.axes == AXES) else {
+            return held;
+        };
+        let aside = if normal.x.abs() < normal.y.abs() {
+            Vector3::x()
+        } else {
+            Vector3::y()
+        };
+        let first = normal.cross(&aside).normalize();
+        let axes = Matrix3x2::from_columns(&[first, normal.cross(&first)]);
+        let shift: Matrix3<f64> = held.fixed_view::<3, 3>(0, 0).into();
+        let flat = axes.transpose() * (shift + shift.transpose()) * axes * 0.5;
+        let found = flat.symmetric_eigen();
+        let holds = Matrix2::from_diagonal(&found.eigenvalues.map(|value| value.min(0.0)));
+        let holds = found.eigenvectors * holds * found.eigenvectors.transpose();
+        let mut shift = held.fixed_view_mut::<3, 3>(0, 0);
+        shift -= axes * holds * axes.transpose();
+        held
     }
 
     /// `-J' A^-1 B` for the matrix A (m x m) and the right-hand sides B (m x 6).

@@ -219,3 +219,57 @@ impl Shared {
         None
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sutura_host::session::rows_frame;
+    use sutura_shared::control::ContactRows;
+    use sutura_shared::wire::{Header, Kind, PROTOCOL_VERSION, Valid};
+
+    /// A tool that was pressed in, and sticks, is drawn aside by more than it can stick: the console's rows hold it by no more than
+    /// friction and the slope of its dent do.
+    #[test]
+    fn what_sticks_lets_go_whatever_way_it_is_drawn() {
+        const FRICTION: f64 = 0.1;
+        let scene = Palpation::load(FRICTION).expect("the shipped scene");
+        let mut host = scene.start(24, 0.03, 0.016);
+        let mut solution = None;
+        for step in 0..=30 {
+            let [x, y, z] = scene.origin_m();
+            let deep_m = 5e-3 * f64::from(step) / 30.0;
+            solution = host.solve(&Sample {
+                time_s: 0.016 * f64::from(step),
+                position_m: [x, y, z - deep_m],
+                orientation: [0.0, 0.0, 0.0, 1.0],
+                velocity_m_per_s: [0.0; 3],
+                lead_s: 0.0,
+                has_time: true,
+            });
+        }
+        let solution = solution.expect("solved");
+        let rows = solution.rows.expect("rows");
+        let header = Header {
+            version: PROTOCOL_VERSION,
+            kind: Kind::Rows,
+            session: 1,
+            sequence: 1,
+            console_time_us: 1,
+        };
+        let frame = Valid::new(header, rows_frame(&rows).expect("a frame")).expect("valid");
+        for eighth in 0..8 {
+            let (sin, cos) = (f64::from(eighth) * std::f64::consts::FRAC_PI_4).sin_cos();
+            let mut console = ContactRows::unpack(&frame);
+            let (mut across_n, mut along_n) = (0.0, 0.0);
+            for step in 1..=30 {
+                let way = 3e-3 * f64::from(step) / 30.0;
+                let dx = [(way * cos) as f32, (way * sin) as f32, 0.0, 0.0, 0.0, 0.0];
+                let change = console.solve(&dx).change.map(f64::from);
+                along_n = solution.wrench[2] + change[2];
+                across_n = (solution.wrench[0] + change[0]).hypot(solution.wrench[1] + change[1]);
+            }
+            let bound_n = 1.5 * FRICTION * along_n + 0.03;
+            assert!(across_n < bound_n, "{eighth}: {across_n} N of {bound_n}");
+        }
+    }
+}
