@@ -19,10 +19,10 @@ use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use sutura_host::link::Order;
-use sutura_host::scene::Tissue;
+use sutura_host::scene::{Tissue, joints_at};
 use sutura_host::session::{Instruction, Plan, Steer, Steered, Stop, Tuning};
 use sutura_host::tool::Act;
-use sutura_shared::wire::message::{Command as ToConsole, Mode, Simulate};
+use sutura_shared::wire::message::{Command as ToConsole, HandScript, Mode, Simulate};
 use sutura_view::{Command, Hand, Reply, Request, SetTo};
 
 /// Between two looks at signals while time stands still.
@@ -466,6 +466,12 @@ impl<'a> Helm<'a> {
             }
             Change::Grasp(grasp) => {
                 let script = self.guide.hold(self.time_s(now), grasp);
+                // At rest a simulated console begins at the script's start: the grip stays where it is.
+                let here = joints_at(&self.plan.device.kinematics, grip(now.state).position_m);
+                let script = HandScript {
+                    start_joint: here.unwrap_or(script.start_joint),
+                    ..script
+                };
                 instructions.push(Order::Simulate(Simulate::Hand(script)).into());
             }
             Change::Standing(standing) => {
