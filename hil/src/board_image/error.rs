@@ -76,20 +76,6 @@ pub enum BoardImageError {
         /// Its two halfwords.
         code: [u16; 2],
     },
-    /// An instruction does not do what was thought.
-    #[error(
-        "the instruction {code:04x?} at {pc:#010x} leaves {after:08x?}, and hil/src/board_image/between.rs would leave {here:08x?}"
-    )]
-    Differs {
-        /// Where.
-        pc: u32,
-        /// Its two halfwords.
-        code: [u16; 2],
-        /// Registers as the stand-in would leave them.
-        here: Vec<u32>,
-        /// ... and as the processor does.
-        after: Vec<u32>,
-    },
     /// A register was read while nobody watched it, and is not 0.
     #[error(
         "the image has read 0 from {address:#010x}, which is {value:#x}: `Chip::watched` has to name it"

@@ -5,11 +5,10 @@
 //!
 //! QEMU runs the processor, its interrupts, its floating point, flash and RAM. A block that it lacks reads as 0, and it logs what is
 //! written there. So the stand-in ([`Chip`]) stops the processor, through QEMU's gdb stub, only before reads of registers that are not
-//! 0, decodes the load and does it, and what comes after it as far as it knows how (`between.rs`); other writes it takes from the log, in
+//! 0, decodes the load and does it; other writes it takes from the log, in
 //! order. Time is the stand-in's: a tick is when it says so, and as
 //! long as it says, and nothing depends on how fast the emulator is.
 
-mod between;
 mod board;
 mod chip;
 mod connection;
@@ -381,15 +380,6 @@ impl BoardImage {
     pub fn tick_alone(&mut self) -> Result<(), BoardImageError> {
         self.begin_tick();
         self.interrupt(TIM7)
-    }
-
-    /// From where the image stands ([`BoardImage::begin_and_stand`], [`BoardImage::hang_link`]): has the processor do instructions one at a
-    /// time, and compares with what would have been done in its place; how many would have been. Slow.
-    ///
-    /// # Errors
-    /// [`BoardImageError::Differs`] at the first that does something else, and others.
-    pub fn compare(&mut self, count: usize) -> Result<usize, BoardImageError> {
-        self.processor.compare(&mut self.chip, count)
     }
 
     /// A tick in which idle has no turn, so that nobody is fed: for images in which a task hangs.

@@ -5,20 +5,18 @@
 //! A thread that waits for its interrupts has a few instructions in the last bytes of RAM: the first one writes to the interrupt
 //! controller, which the stub itself cannot, and the last one, reached when every handler is through, stops the processor.
 
-use super::between;
 use super::chip::{AIRCR, Chip, LOADER, RESET_REQUEST, WWDG_CR};
 use super::connection::{Connection, PC, STATUS};
 use super::error::BoardImageError;
 use super::thumb::{self, Access};
-use super::unimplemented::{Log, Logged, is_lacking};
+use super::unimplemented::{Log, Logged};
 use std::collections::hash_map::Entry;
 use std::collections::{BTreeSet, HashMap, VecDeque};
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// The chip's flash, and its RAM.
+/// The chip's flash.
 const FLASH: std::ops::Range<u32> = 0x0800_0000..0x0810_0000;
-const RAM: std::ops::Range<u32> = 0x2000_0000..0x2002_0000;
 /// Where a thread waits, in the last bytes of RAM, which the image leaves alone: `str r1, [r0]`, branches to what follows, because QEMU
 /// takes interrupts between blocks, which these are the ends of, and `ldr r1, [pc, #0]`.
 const WAITING_ROOM: u32 = 0x2001_FFE0;
@@ -31,11 +29,6 @@ const LOADED: u32 = WAITING_ROOM + 16;
 const MOST_POLLS: u32 = 200;
 /// Accesses that an error tells of.
 const KEPT: usize = 8;
-/// Accesses that one stop does at most: those of two packets, or of a loop that waits; and instructions between two of them.
-const AT_A_STOP: usize = 256;
-const BETWEEN: usize = 64;
-/// Stops at a place that have spared none, after which nobody looks for more there.
-const NOWHERE: i32 = -4;
 /// Bytes of memory that are read together.
 const LINE: u32 = 64;
 
@@ -62,10 +55,6 @@ pub struct Processor {
     log: Log,
     /// Lines of flash that have been read.
     code: HashMap<u32, Vec<u8>>,
-    /// Lines of RAM that have been read at this stop.
-    ram: HashMap<u32, Vec<u8>>,
-    /// Places of accesses: how often more followed them at a stop, less how often none did.
-    leads_on: HashMap<u32, i32>,
     /// Read watches that are set.
     watched: BTreeSet<(u32, u32)>,
     /// Newest accesses.
@@ -103,8 +92,6 @@ impl Processor {
             log: Log::new(connection.log()),
             connection,
             code: HashMap::new(),
-            ram: HashMap::new(),
-            leads_on: HashMap::new(),
             watched: BTreeSet::new(),
             last: VecDeque::new(),
             stops: 0,
@@ -156,7 +143,9 @@ impl Processor {
                 }
                 _ => {}
             }
-            self.go_on(chip, access, registers, until)?;
+            let mut registers = registers;
+            self.carry_out(chip, &access, &mut registers);
+            self.connection.put_all_registers(&registers);
             if chip.waits > MOST_POLLS {
                 return Err(match chip.watchdog_runs {
                     true => BoardImageError::Reset,
@@ -224,44 +213,8 @@ impl Processor {
         let Some(access) = Access::decode(code, &integers(&registers)) else {
             return Err(BoardImageError::Instruction { pc, code });
         };
-        self.carry_out(chip, &access, &mut registers)?;
+        self.carry_out(chip, &access, &mut registers);
         Ok(registers)
-    }
-
-    /// Has the processor do instructions one at a time from where it stands, and compares what each does with what would have been done in its
-    /// place; how many of them would have been.
-    ///
-    /// # Errors
-    /// [`BoardImageError::Differs`] if one does something else, and others.
-    pub fn compare(&mut self, chip: &mut Chip, count: usize) -> Result<usize, BoardImageError> {
-        let mut compared = 0;
-        let mut registers = self.connection.registers()?;
-        for _ in 0..count {
-            let pc = registers[PC];
-            let code = self.code(pc)?;
-            let mut here = registers.clone();
-            let access = Access::decode(code, &integers(&registers));
-            let is_own = match access {
-                _ if between::is_in_it(&registers) => false,
-                Some(access) if access.load && RAM.contains(&access.address) => {
-                    self.carry_out(chip, &access, &mut here)?;
-                    true
-                }
-                _ => between::go_past(code, &mut here),
-            };
-            let after = self.step_from(chip, pc)?;
-            if is_own && here != after {
-                return Err(BoardImageError::Differs {
-                    pc,
-                    code,
-                    here,
-                    after,
-                });
-            }
-            compared += usize::from(is_own);
-            registers = after;
-        }
-        Ok(compared)
     }
 
     /// Has the processor do instructions one at a time from where it stands, until it has done this one.
@@ -384,89 +337,16 @@ impl Processor {
         }
     }
 
-    /// Does a load or store in the processor's place, and what comes after it, as long as that is accesses to what QEMU lacks and to RAM, and
-    /// instructions that touch no memory. Not past an access to `until`.
-    fn go_on(
-        &mut self,
-        chip: &mut Chip,
-        first: Access,
-        mut registers: Vec<u32>,
-        until: Option<u32>,
-    ) -> Result<(), BoardImageError> {
-        let place = registers[PC];
-        let status = registers[STATUS];
-        self.carry_out(chip, &first, &mut registers)?;
-        let leads_on = self.leads_on.get(&place).copied().unwrap_or(0);
-        // Within an IT block what follows may not be executed.
-        if registers[STATUS] == status && leads_on > NOWHERE {
-            let mut spared = false;
-            for _ in 0..AT_A_STOP {
-                let Some(next) = self.next_access(&mut registers)? else {
-                    break;
-                };
-                if Some(next.address) == until || !self.can_do(chip, &next) {
-                    break;
-                }
-                spared |= next.load && self.is_watched(next.address);
-                self.carry_out(chip, &next, &mut registers)?;
-            }
-            let by = if spared { 1 } else { -1 };
-            self.leads_on.insert(place, (leads_on + by).min(-NOWHERE));
-        }
-        self.connection.put_all_registers(&registers);
-        Ok(())
-    }
-
-    /// Whether an access is to RAM or to what QEMU lacks; where it would read 0, that is what is there.
-    fn can_do(&self, chip: &Chip, access: &Access) -> bool {
-        let address = access.address;
-        match access.load {
-            _ if RAM.contains(&address) => true,
-            true if self.is_watched(address) => true,
-            true => is_lacking(address) && chip.peek(address) == 0,
-            false => is_lacking(address),
-        }
-    }
-
-    /// Goes past what touches no memory; the access there, if one comes.
-    fn next_access(&mut self, registers: &mut [u32]) -> Result<Option<Access>, BoardImageError> {
-        for _ in 0..BETWEEN {
-            let code = self.code(registers[PC])?;
-            if between::go_past(code, registers) {
-                self.done += 1;
-            } else if between::is_in_it(registers) {
-                break;
-            } else {
-                return Ok(Access::decode(code, &integers(registers)));
-            }
-        }
-        Ok(None)
-    }
-
     /// One load or store, with what it does to the registers.
-    fn carry_out(
-        &mut self,
-        chip: &mut Chip,
-        access: &Access,
-        registers: &mut [u32],
-    ) -> Result<(), BoardImageError> {
+    fn carry_out(&mut self, chip: &mut Chip, access: &Access, registers: &mut [u32]) {
         let address = access.address;
-        let value = registers[access.register];
-        let in_ram = RAM.contains(&address);
-        match access.load {
-            true if in_ram => {
-                let word = self.ram(address, access.size)?;
-                registers[access.register] = access.loaded(word);
-            }
-            true => {
-                self.note(address, None);
-                registers[access.register] = access.loaded(chip.read(address));
-            }
-            false if in_ram => self.put_ram(address, access.size, value),
-            false => {
-                self.note(address, Some(value));
-                chip.write(address, access.loaded(value));
-            }
+        if access.load {
+            self.note(address, None);
+            registers[access.register] = access.loaded(chip.read(address));
+        } else {
+            let value = registers[access.register];
+            self.note(address, Some(value));
+            chip.write(address, access.loaded(value));
         }
         if let Some((base, value)) = access.write_back {
             registers[base] = value;
@@ -474,7 +354,6 @@ impl Processor {
         registers[PC] = registers[PC].wrapping_add(access.length);
         registers[STATUS] = thumb::past_it(registers[STATUS]);
         self.done += 1;
-        Ok(())
     }
 
     /// The instruction at a place.
@@ -495,35 +374,6 @@ impl Processor {
         Ok([u16::from_le_bytes([a, b]), u16::from_le_bytes([c, d])])
     }
 
-    /// What is in RAM, of 1, 2 or 4 bytes.
-    fn ram(&mut self, address: u32, size: u32) -> Result<u32, BoardImageError> {
-        let mut bytes = [0; 4];
-        for (at, byte) in (address..address + size).zip(&mut bytes) {
-            let line = match self.ram.entry(at / LINE) {
-                Entry::Occupied(known) => known.into_mut(),
-                Entry::Vacant(new) => new.insert(self.connection.memory(at / LINE * LINE, LINE)?),
-            };
-            *byte = line.get((at % LINE) as usize).copied().unwrap_or(0);
-        }
-        Ok(u32::from_le_bytes(bytes))
-    }
-
-    /// Queues a store to RAM.
-    fn put_ram(&mut self, address: u32, size: u32, value: u32) {
-        self.connection.put_memory(address, size, value);
-        for (at, byte) in (address..address + size).zip(value.to_le_bytes()) {
-            let line = self.ram.get_mut(&(at / LINE));
-            if let Some(place) = line.and_then(|line| line.get_mut((at % LINE) as usize)) {
-                *place = byte;
-            }
-        }
-    }
-
-    fn is_watched(&self, address: u32) -> bool {
-        let mut watched = self.watched.iter();
-        watched.any(|(from, length)| (*from..from + length).contains(&address))
-    }
-
     /// Sets the watches that the chip needs now, with the next run.
     fn set_watches(&mut self, chip: &Chip) {
         let wanted = chip.watched();
@@ -539,7 +389,6 @@ impl Processor {
     /// Lets the processor go on, and takes what was logged until it stopped.
     fn resume(&mut self, chip: &mut Chip, one_step: bool) -> Result<(), BoardImageError> {
         self.stood_at = None;
-        self.ram.clear();
         let stops = self.connection.run(one_step)?;
         let logged = self.log.accesses();
         let logged = logged.map_err(|source| BoardImageError::Line {

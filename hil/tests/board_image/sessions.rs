@@ -7,23 +7,6 @@ use sutura_shared::wire::message::{
     Command, Contact, Course, Friction, Mode, Needle, Row, RowKind, Rows, State, Tip,
 };
 
-on_each_board!(what_is_done_in_the_processors_place_is_what_it_does);
-/// Where the stand-in has stopped it anyway, it goes on to the next register: see `hil/src/board_image/between.rs`.
-fn what_is_done_in_the_processors_place_is_what_it_does(on: On) {
-    let mut bench = Bench::start(on);
-    bench.push();
-    bench.board.begin_and_stand().unwrap();
-    let tick = bench.board.compare(1000);
-    let tick = tick.unwrap_or_else(|error| panic!("{error}"));
-    let mut bench = Bench::start(on);
-    bench.push();
-    bench.board.hang_link().unwrap();
-    let link = bench.board.compare(1500);
-    let link = link.unwrap_or_else(|error| panic!("{error}"));
-    eprintln!("compared: {tick} of 1000 in a tick, {link} of 1500 in the link task");
-    assert!(tick > 400 && link > 200, "{tick} {link}");
-}
-
 /// A hand that moves: counts of the three encoders in a tick, of which the second goes through the ends of its counter.
 fn hand(tick: u32) -> [i32; 3] {
     let t = f64::from(tick) * 1e-3;
