@@ -63,7 +63,7 @@ impl WayOut {
                 continue;
             };
             let end = solid.middle() + normal * way_m;
-            if self.leads_through_held(&begins, &end) {
+            if self.leads_through_held(&begins, &end) || self.is_beyond_held(&solid, &end) {
                 continue;
             }
             if shortest.is_none_or(|(before_m, _)| way_m < before_m) {
@@ -132,10 +132,29 @@ impl WayOut {
         ways.find(|way_m| self.is_clear(&solid.moved(&(along * *way_m))))
     }
 
+    fn is_held(&self, triangle: &[u32; 3]) -> bool {
+        let mut nodes = triangle.iter();
+        nodes.all(|node| self.held.binary_search(node).is_ok())
+    }
+
     fn leads_through_held(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
-        let is_held = |node: &u32| self.held.binary_search(node).is_ok();
         let mut crossed = self.surface.crossed(|node| self.at(node), from, to);
-        crossed.any(|triangle| triangle.iter().all(is_held))
+        crossed.any(|triangle| self.is_held(&triangle))
+    }
+
+    /// Whether a place is on the far side of a held face near a tool there: the solver calls that behind the wall.
+    fn is_beyond_held(&self, solid: &Solid, place: &Vector3<f64>) -> bool {
+        let near_m = 2.0 * solid.bound() + self.surface.mean_edge_m;
+        let mut held = self
+            .surface
+            .triangles
+            .iter()
+            .filter(|face| self.is_held(face));
+        held.any(|face| {
+            let [a, b, c] = face.map(|node| self.at(node));
+            let off = place - a;
+            off.norm() < near_m && off.dot(&(b - a).cross(&(c - a))) > 0.0
+        })
     }
 }
 
