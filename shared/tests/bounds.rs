@@ -385,9 +385,10 @@ impl Books {
             .fold(0.0, |sum, f| sum + f64::from(*f).powi(2))
             .sqrt();
         self.drifted_j += 0.05 * force_n * f64::from(TICK_S);
-        for axis in 0..3 {
-            let band_m = 0.6 / f64::from(run.device.joints[axis].counts_per_unit);
-            self.unseen_j += band_m * (self.efforts[1][axis] - before[1][axis]).abs();
+        let acting = self.efforts[1].iter().zip(&before[1]);
+        for ((now, before), joint) in acting.zip(&run.device.joints) {
+            let band_m = 0.6 / f64::from(joint.counts_per_unit);
+            self.unseen_j += band_m * (now - before).abs();
         }
     }
 }

@@ -37,6 +37,8 @@ const NOTICED: (f32, f32) = (0.1, 0.03);
 const LACKS: (f32, f32) = (0.05, 0.03);
 /// Speed below which a grip rests \[m/s\]: an encoder's step looks faster than it is.
 const RESTS: f32 = 0.01;
+/// Time constant of the mean speed of a grip \[s\].
+const MEAN_S: f32 = 0.1;
 /// Part of the tank that one tick may plan to give: the hand's own acceleration is not known.
 const SHARE: f32 = 0.7;
 /// Stiffness with which a force must be covered by the tank, over that of the local model: what wrong tangents
@@ -85,6 +87,8 @@ pub(super) struct Passivity {
     band: [f32; JOINTS],
     /// Force at the last tick \[N\].
     before_n: f32,
+    /// Mean velocity of the grip \[m/s\].
+    mean: Vec3,
     /// Work of tissue that came towards the tool by itself, and has not gone back \[J\].
     drifted_j: f32,
 }
@@ -145,6 +149,7 @@ impl Passivity {
             ahead: [0.0; JOINTS],
             band: [0.0; JOINTS],
             before_n: 0.0,
+            mean: Vec3::zeros(),
             drifted_j: 0.0,
         }
     }
@@ -214,7 +219,9 @@ impl Passivity {
         let along = max(local.along, SOFTEST);
         self.widen_band(pose, local.most);
         let speed = pose.velocity(velocity);
-        let rests = dot(&speed, &speed) < RESTS * RESTS;
+        let is_slow = |speed: &Vec3| dot(speed, speed) < RESTS * RESTS;
+        self.mean += (speed - self.mean) * (TICK_S / MEAN_S);
+        let rests = is_slow(&speed);
         self.credit
             .watch(local.left, local.horizon_s, self.before_n, rests);
         let stored_j = STORED * 0.5 * square / along;
@@ -242,7 +249,9 @@ impl Passivity {
         if self.guards.credit {
             // A host that tells forces alone says nothing of what a spring has stored.
             let lacks = missing > LACKS.0 * size + LACKS.1 && local.most > SOFTEST;
-            self.credit.lack(lacks, share * size, rests);
+            // A grip whose force comes and goes with the tank swings around where it rests.
+            self.credit
+                .lack(lacks, share * size, rests || is_slow(&self.mean));
         }
         if self.guards.damping && share < 1.0 && !self.is_returning() {
             let damping = self.damper(pose, velocity) * (1.0 - share);
