@@ -10,6 +10,7 @@ mod events;
 mod kinematics;
 mod link;
 mod needle_and_thread;
+mod needle_bounds;
 mod passivity;
 mod ramps;
 mod rig;
