@@ -3,6 +3,7 @@
 //! Entry point: [`DeviceDescription`]. One is compiled into each board's firmware; the host reads
 //! the same description from `devices/*.toml`.
 
+use crate::math::min;
 use crate::wire::validate::{MAX_CURRENT, MAX_POSITION};
 use core::fmt;
 use postcard::experimental::max_size::MaxSize;
@@ -116,7 +117,33 @@ const LONGEST_SLEW_S: f32 = 0.5;
 /// Fastest grip of any device \[m/s\]: half of what a `State` may report.
 const MAX_GRIP_SPEED: f32 = 50.0;
 
+/// Stiffness over mass per square of the loop's delay that is rendered stably: four fifths of what the simulated console stands in the hand
+/// that holds a pen.
+const STABLE: f32 = 0.55;
+/// Delay of the loop besides the motors' \[s\]: a tick, and half of one that holds the force.
+const LOOP_S: f32 = 1.5e-3;
+
 impl DeviceDescription {
+    /// Largest stiffness that this console renders stably in a hand \[N/m\].
+    pub fn stable_stiffness_n_per_m(&self) -> f32 {
+        // The lightest that the grip can feel: an arm's inertia at its full reach.
+        let reach_m = match self.kinematics {
+            Kinematics::Cartesian { .. } => 1.0,
+            Kinematics::SerialArm {
+                upper_m, fore_m, ..
+            } => upper_m + fore_m,
+        };
+        let masses = self.joints.iter().map(|j| j.inertia / (reach_m * reach_m));
+        let mass = masses.fold(1e9, |least, mass| min(mass, least));
+        let delay_s = self.loop_delay_s();
+        STABLE * mass / (delay_s * delay_s)
+    }
+
+    /// Delay of the loop from reading the encoders to the middle of the force that answers \[s\].
+    pub(crate) fn loop_delay_s(&self) -> f32 {
+        self.actuation_delay_us as f32 * 1e-6 + LOOP_S
+    }
+
     /// Checks that the console can compute with these numbers: everything that control derives from them
     /// is then finite, whatever the encoders say, and within what a `State` may report.
     ///

@@ -14,6 +14,7 @@ mod kinematics;
 mod lag;
 mod link;
 mod needle_and_thread;
+mod needle_bounds;
 mod onset;
 mod passivity;
 mod ramps;

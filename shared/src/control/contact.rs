@@ -9,7 +9,7 @@ use super::round::{Shape, Skin, Turn};
 use super::tuning::Rendering;
 use super::{MAX_HORIZON_US, STALE_DECAY_US};
 use crate::kinematics::Grip;
-use crate::math::{Vec3, clamp, dot, max, shortened};
+use crate::math::{Vec3, clamp, dot, max, min, shortened};
 use crate::mutant::stands;
 use crate::wire::ValidContact;
 
@@ -88,6 +88,22 @@ impl LocalContact {
         };
         contact.applied_age_us = contact.age_us(now_us);
         contact
+    }
+
+    /// Limits the stiffness along every direction \[N/m\].
+    pub fn limit(&mut self, most_n_per_m: f32) {
+        if self.stiffness <= most_n_per_m {
+            return;
+        }
+        let told = translational(&self.tangent);
+        let limited = softened(told, most_n_per_m);
+        let places = [0, 1, 2, 6, 7, 11].into_iter().zip(limited);
+        for (place, entry) in places {
+            if let Some(packed) = self.tangent.get_mut(place) {
+                *packed = entry;
+            }
+        }
+        self.stiffness = min(spectral_norm(&limited), most_n_per_m);
     }
 
     /// Age of the data \[us\], counted from the console time that was solved for.
@@ -392,6 +408,65 @@ fn translational(packed: &[f32; 21]) -> [f32; 6] {
     let [xx, xy, xz, _, _, _, yy, yz, _, _, _, zz, ..] = *packed;
     [xx, xy, xz, yy, yz, zz]
 }
+
+/// A symmetric 3 x 3 matrix, packed, whose eigenvalues are no larger in magnitude than `most`; the others stay.
+fn softened(told: [f32; 6], most: f32) -> [f32; 6] {
+    let mut packed = told;
+    for _ in 0..3 {
+        let largest = spectral_norm(&packed);
+        if largest <= most * SOFT_ENOUGH {
+            return packed;
+        }
+        let [xx, _, _, yy, _, zz] = packed;
+        // Stiffness is negative: what pushes back.
+        let value = if xx + yy + zz > 0.0 {
+            largest
+        } else {
+            -largest
+        };
+        let Some([x, y, z]) = direction_of(&packed, value) else {
+            break;
+        };
+        let less = if value > 0.0 {
+            most - value
+        } else {
+            -most - value
+        };
+        let squares = [x * x, x * y, x * z, y * y, y * z, z * z];
+        for (entry, square) in packed.iter_mut().zip(squares) {
+            *entry += less * square;
+        }
+    }
+    // Along no direction alone: all alike.
+    let part = min(most / max(spectral_norm(&packed), most), 1.0);
+    packed.map(|entry| entry * part)
+}
+
+/// Eigenvalue over the limit that counts as within: the spectral norm is right to 1e-3.
+const SOFT_ENOUGH: f32 = 1.003;
+
+/// Direction of a single eigenvalue of a symmetric 3 x 3 matrix, packed; none where others are about as large.
+fn direction_of(packed: &[f32; 6], value: f32) -> Option<[f32; 3]> {
+    let [xx, xy, xz, yy, yz, zz] = packed.map(|entry| entry / value);
+    let rows = [
+        Vec3::new(xx - 1.0, xy, xz),
+        Vec3::new(xy, yy - 1.0, yz),
+        Vec3::new(xz, yz, zz - 1.0),
+    ];
+    let [a, b, c] = rows;
+    let across = [a.cross(&b), b.cross(&c), c.cross(&a)];
+    let squares = across.map(|v| dot(&v, &v));
+    let most = squares.iter().fold(0.0, |most, square| max(most, *square));
+    let longest = across
+        .into_iter()
+        .zip(squares)
+        .find(|(_, square)| *square >= most);
+    let (v, square) = longest.filter(|(_, square)| *square > DISTINCT * DISTINCT)?;
+    Some((v * (1.0 / libm::sqrtf(square))).into())
+}
+
+/// Product of the differences to the other eigenvalues, in eigenvalues, from which on one is distinct.
+const DISTINCT: f32 = 0.02;
 
 /// Largest magnitude of an eigenvalue of a symmetric 3 x 3 matrix, packed upper triangle by rows: to 1e-3 of itself, and
 /// 1e-6 where no two of its eigenvalues are about equal.

@@ -83,6 +83,11 @@ fn delay_s(device: &DeviceDescription) -> f32 {
     device.actuation_delay_us as f32 * 1e-6
 }
 
+fn new_render(device: &DeviceDescription, tuning: Tuning) -> Render {
+    let limits = [device.max_force_n, device.stable_stiffness_n_per_m()];
+    Render::new(limits, delay_s(device), tuning)
+}
+
 /// Where no orientation is sensed.
 const UNTURNED: [f32; 4] = [0.0, 0.0, 0.0, 1.0];
 
@@ -242,7 +247,7 @@ impl Control {
         device.validate()?;
         Ok(Control {
             encoders: Encoders::new(&device),
-            render: Render::new(device.max_force_n, delay_s(&device), tuning),
+            render: new_render(&device, tuning),
             needle: None,
             thread: None,
             new_needle: None,
@@ -368,7 +373,7 @@ impl Control {
         self.passivity = Passivity::new(device, self.tuning.guards);
         self.swing = Swing::NONE;
         self.fixed = Fixed::none(device);
-        self.render = Render::new(device.max_force_n, delay_s(device), self.tuning);
+        self.render = new_render(device, self.tuning);
         self.forget();
         self.mode = Mode::Boot;
         true

@@ -26,6 +26,8 @@ const HOLDS: f32 = 0.05;
 const MAX_GIVES: f32 = 4.0;
 /// Stiffness below which nothing holds a needle \[N/m\].
 const SOFTEST: f32 = 1e-3;
+/// Stiffness of a needle that sticks stiffly, in what the device renders stably \[1\].
+const STIFF: f32 = 0.5;
 /// Ways shorter than this have no slope of their own \[m\].
 const SHORT_M: f32 = 1e-6;
 
@@ -125,6 +127,22 @@ impl Curve {
         })
     }
 
+    /// The least force from a way on, up to the first jump behind it.
+    fn least(&self, from_m: f32, gone: bool) -> f32 {
+        let mut least = f32::MAX;
+        for [[at, before], [to, after]] in self.legs() {
+            let jumps = to == at && after > before;
+            if jumps && !gone {
+                least = min(least, before);
+                break;
+            }
+            if to >= from_m {
+                least = min(least, min(before, after));
+            }
+        }
+        least
+    }
+
     /// The largest force.
     fn most(&self) -> f32 {
         self.axial_n.iter().copied().fold(f32::MIN, max)
@@ -164,6 +182,8 @@ pub struct LocalNeedle {
     /// Of a needle that sticks, on the way forward, where no course is steeper, and backward, as what holds it unloads
     /// \[N/m\], (2).
     stick_n_per_m: [f32; 2],
+    /// Whether it sticks as stiffly as the device can hardly render.
+    is_stiff: bool,
     forward: Curve,
     backward: Curve,
     /// Where a boundary gives way on the way forward \[m\], the force right after, and the largest that pulls the needle on
@@ -217,6 +237,7 @@ impl LocalNeedle {
             solved_n: body.axial_n,
             now_n_per_m: now,
             stick_n_per_m: [stick_n_per_m, back_n_per_m],
+            is_stiff: false,
             forward,
             backward,
             jump_m,
@@ -238,6 +259,55 @@ impl LocalNeedle {
             slide_m: 0.0,
         });
         needle
+    }
+
+    /// Limits the stiffness with which it sticks \[N/m\], of a frame whose tangent has been limited from `told` to `tangent`, packed (21).
+    pub fn limit(&mut self, most_n_per_m: f32, [told, tangent]: [&[f32; 21]; 2]) {
+        let along = |packed| {
+            let yields = symmetric_times(packed, &self.slide);
+            yields
+                .iter()
+                .zip(&self.slide)
+                .map(|(w, s)| w * s)
+                .sum::<f32>()
+        };
+        let (before, after) = (along(told), along(tangent));
+        if before < 0.0 && after < 0.0 && before != after {
+            self.now_n_per_m *= after / before;
+        }
+        let stiff_n_per_m = STIFF * most_n_per_m;
+        self.is_stiff = self.stick_n_per_m.iter().any(|k| *k > stiff_n_per_m);
+        self.stick_n_per_m = self.stick_n_per_m.map(|stick| min(stick, most_n_per_m));
+    }
+
+    /// Stiffness with which it sticks on the way forward, as far as it is rendered \[N/m\].
+    pub fn stick_n_per_m(&self) -> f32 {
+        let [forward, _] = self.stick_n_per_m;
+        forward
+    }
+
+    /// Of a needle that sticks stiffly, and whose slide does not turn: direction of the slide, and the axial force if
+    /// the grip goes on to `dx` with the least and the largest that hold the needle there \[N\].
+    pub fn bounds(&self, dx: &[f32; 6]) -> Option<(Vec3, f32, [f32; 2])> {
+        let [x, y, z, a, b, c] = self.slide;
+        let slide_m = self.slide_of(dx)?;
+        if !self.is_stiff || a * a + b * b + c * c > STRAIGHT * STRAIGHT {
+            return None;
+        }
+        let (axial_n, gone) = self.next(slide_m);
+        let least_n = self
+            .forward
+            .least(if gone { self.jump_m } else { 0.0 }, gone);
+        let most_n = if gone {
+            self.high(slide_m, 0.0, true)
+        } else {
+            max(self.backward.most(), self.high(slide_m, 0.0, false))
+        };
+        Some((
+            Vec3::new(x, y, z),
+            axial_n,
+            [min(least_n, axial_n), max(most_n, axial_n)],
+        ))
     }
 
     /// What goes in does not rub: for measuring what that is worth.
@@ -521,7 +591,7 @@ fn forward(body: &Needle) -> Curve {
     if !known.is_empty() {
         return Curve::new(body.axial_n, known.iter().copied());
     }
-    let [_, now] = body.stiffness_n_per_m;
+    let [all, now] = body.stiffness_n_per_m;
     let [most_n, _] = body.friction_n;
     if body.puncture_n > 0.0 && now > 0.0 {
         let way = min(max(body.puncture_n - body.hold_n, 0.0) / now, MAX_POSITION);
@@ -530,7 +600,10 @@ fn forward(body: &Needle) -> Curve {
         return Curve::new(body.axial_n, points.into_iter());
     }
     let left_n = max(body.axial_n + most_n, 0.0);
-    Curve::ramp(body.axial_n, [ramp_m(left_n, now), body.axial_n - left_n])
+    // One that slides back sticks as it turns.
+    let sticks = if now > 0.0 { now } else { all };
+    let end = [ramp_m(left_n, sticks), body.axial_n - left_n];
+    Curve::ramp(body.axial_n, end)
 }
 
 /// As [`forward`], on the way backward.

@@ -14,7 +14,7 @@ use super::trust::Trust;
 use super::tuning::{Rendering, Tuning};
 use super::{Fresh, MAX_HORIZON_US, TICK_S, TICK_US};
 use crate::kinematics::Grip;
-use crate::math::{Vec3, clamp, dot, max, min, shortened};
+use crate::math::{Vec3, clamp, dot, max, min, shortened, shrink};
 use crate::wire::{ValidNeedle, ValidThread};
 
 /// Factor per tick on what is left of the force before the model changed: a time constant of 10 ms, below
@@ -33,6 +33,8 @@ const SIDEWAYS: f32 = 1.5;
 const LEAST_N: f32 = 1e-9;
 /// A smaller force is none as to how it goes on \[N\].
 const NONE_N: f32 = 1e-4;
+/// Part of a needle's bounds by which a force that goes on from the model before may be beyond them.
+const BEYOND: f32 = 0.05;
 /// Part by which rows give way to the tangent, or come back, in a tick: all of it in 10 ms.
 const GIVE_WAY: f32 = 0.1;
 
@@ -41,6 +43,8 @@ const GIVE_WAY: f32 = 0.1;
 pub(super) struct Render {
     tuning: Tuning,
     max_force_n: f32,
+    /// Largest stiffness that this device renders stably \[N/m\].
+    stable_n_per_m: f32,
     /// From reading the encoders to the middle of the time in which the motors act on it \[s\].
     lead_s: f32,
     /// What is added to it \[s\].
@@ -132,10 +136,12 @@ impl Track {
 }
 
 impl Render {
-    /// Nothing to render. `delay_s`: from reading the encoders until the motors act.
-    pub fn new(max_force_n: f32, delay_s: f32, tuning: Tuning) -> Self {
+    /// Nothing to render, on a device with this largest force \[N\] and stiffness \[N/m\]. `delay_s`: from reading the encoders until the
+    /// motors act.
+    pub fn new([max_force_n, stable_n_per_m]: [f32; 2], delay_s: f32, tuning: Tuning) -> Self {
         Render {
             tuning,
+            stable_n_per_m,
             max_force_n: if tuning.guards.force {
                 max_force_n
             } else {
@@ -272,6 +278,9 @@ impl Render {
         now_us: u64,
     ) {
         let mut new = LocalContact::new(&fresh.contact, now_us, self.max_force_n);
+        if needle.is_some() {
+            new.limit(self.stable_n_per_m);
+        }
         if new.freshness(now_us) != Freshness::Fresh {
             return;
         }
@@ -279,7 +288,7 @@ impl Render {
         if self.contact.as_ref().is_some_and(outdated) {
             return;
         }
-        self.hold(needle, thread, &new);
+        self.hold(needle, thread, (&new, &fresh.contact.body().tangent));
         self.sideways_m = SIDEWAYS_M;
         let skin = new.skin();
         if let Some(old) = &self.contact {
@@ -344,7 +353,7 @@ impl Render {
         &mut self,
         needle: Option<&ValidNeedle>,
         thread: Option<&ValidThread>,
-        contact: &LocalContact,
+        (contact, told): (&LocalContact, &[f32; 21]),
     ) {
         let solved_us = contact.console_time_us;
         let old = self.needle.take();
@@ -354,6 +363,7 @@ impl Render {
             if !self.tuning.guards.rubs {
                 needle.forget_friction();
             }
+            needle.limit(self.stable_n_per_m, [told, contact.tangent()]);
             needle.note_contact(contact.tangent(), contact.wrench());
             if let Some(old) = &old {
                 needle.adopt(old);
@@ -439,6 +449,7 @@ impl Render {
             _ => None,
         };
         self.model_n = Some(model);
+        self.bound(&dx, way);
         let mut force = model + self.offset_n;
         if !self.holds(now_us) {
             force = self.without_new_pull(&normal, force);
@@ -571,6 +582,29 @@ impl Render {
         self.offset_n = continued - model;
     }
 
+    /// Keeps what is left of the force before the model changed from taking a needle beyond what holds it, and works it off on the `way`
+    /// since the last tick: a needle that slides forgets how it was stretched.
+    fn bound(&mut self, dx: &[f32; 6], way: Option<Vec3>) {
+        if !self.tuning.guards.blend || self.tuning.rendering != Rendering::Rows {
+            return;
+        }
+        let Some(needle) = &self.needle else {
+            return;
+        };
+        if let Some((along, axial_n, [least_n, most_n])) = needle.bounds(dx) {
+            let slid_m = way.map_or(0.0, |way| dot(&along, &way).abs());
+            let before_n = dot(&along, &self.offset_n);
+            let wanted_n = shrink(before_n, needle.stick_n_per_m() * slid_m);
+            let beyond_n = BEYOND * max(most_n, -least_n);
+            let kept_n = clamp(
+                wanted_n,
+                min(least_n - beyond_n - axial_n, 0.0),
+                max(most_n + beyond_n - axial_n, 0.0),
+            );
+            self.offset_n += along * (kept_n - before_n);
+        }
+    }
+
     /// Change of the force on a way \[m\] of one tick: as on the tick before in as far as the way goes on in its direction,
     /// else `by_tangent`.
     fn onward(&self, by_tangent: Vec3, way: Vec3) -> Vec3 {
@@ -665,7 +699,7 @@ mod tests {
             let mut tuning = Tuning::default();
             tuning.guards.lead = false;
             Stand {
-                render: Render::new(1e3, TICK_S, tuning),
+                render: Render::new([1e3, 1e9], TICK_S, tuning),
                 now_us: SOLVED,
             }
         }

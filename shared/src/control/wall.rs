@@ -3,16 +3,14 @@
 //! Entry point: [`Fixed::force`]. A spring and a damper behind a plane, which push and never pull, or at a point, which
 //! hold (Colgate, Stanley and Brown 1995). Stiffness and damping are capped at what the device can render stably.
 
-use super::TICK_S;
-use crate::device::{DeviceDescription, Kinematics};
+use crate::device::DeviceDescription;
 use crate::math::{Vec3, dot, max, min};
 use crate::wire::message::Fixture;
 
-/// Largest stiffness over mass per square of the loop's delay: a quarter of where a spring with that delay cannot
-/// be damped, and below half of what the simulated console stands without a hand.
-const STIFFNESS: f32 = 0.25;
-/// Largest damping over mass per delay: a tenth, since the velocity is an estimate.
-const DAMPING: f32 = 0.1;
+/// Largest stiffness in what the device renders stably in a hand: a fixture may be all that holds the grip.
+const ALONE: f32 = 0.25 / 0.55;
+/// Largest damping over what the device renders stably, per delay: a tenth of mass per delay, since the velocity is an estimate.
+const DAMPING: f32 = 0.1 / 0.55;
 
 /// The fixture that a host has put up, if any.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,23 +23,12 @@ pub(super) struct Fixed {
 impl Fixed {
     /// None, on this device.
     pub fn none(device: &DeviceDescription) -> Self {
-        // The lightest that the grip can feel: an arm's inertia at its full reach.
-        let reach_m = match device.kinematics {
-            Kinematics::Cartesian { .. } => 1.0,
-            Kinematics::SerialArm {
-                upper_m, fore_m, ..
-            } => upper_m + fore_m,
-        };
-        let masses = device
-            .joints
-            .iter()
-            .map(|j| j.inertia / (reach_m * reach_m));
-        let mass = masses.fold(1e9, |least, mass| min(mass, least));
-        let delay_s = device.actuation_delay_us as f32 * 1e-6 + 1.5 * TICK_S;
+        let delay_s = device.loop_delay_s();
+        let stiffness = device.stable_stiffness_n_per_m();
         Fixed {
             fixture: Fixture::None,
-            max_stiffness: STIFFNESS * mass / (delay_s * delay_s),
-            max_damping: DAMPING * mass / delay_s,
+            max_stiffness: ALONE * stiffness,
+            max_damping: DAMPING * stiffness * delay_s,
         }
     }
 
@@ -127,7 +114,7 @@ impl Fixed {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::device::{JOINTS, Joint};
+    use crate::device::{JOINTS, Joint, Kinematics};
 
     /// 0.1 kg with one tick of delay: at most 4000 N/m and 4 N s/m.
     fn fixed(fixture: Fixture) -> Fixed {
