@@ -77,6 +77,10 @@ pub fn shortened(v: Vec3, length: f32) -> Vec3 {
 /// shorter way, right to 1e-4 of itself up to 1 rad, and bounded beyond.
 #[inline]
 pub fn rotation_between(from: &[f32; 4], to: &[f32; 4]) -> Vec3 {
+    // Where it is not sensed, or rests.
+    if from == to {
+        return Vec3::zeros();
+    }
     let [x, y, z, w] = *to;
     let [fx, fy, fz, fw] = *from;
     let (a, b) = (Vec3::new(x, y, z), Vec3::new(fx, fy, fz));

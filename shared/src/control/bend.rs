@@ -110,8 +110,8 @@ impl Bend {
     };
 
     /// Takes note of the shape under the newest frame.
-    pub fn lie(&mut self, shape: Option<Shape>) {
-        self.shape = shape;
+    pub fn lie(&mut self, shape: &Option<Shape>) {
+        self.shape = *shape;
     }
 
     /// Takes note of a new frame: its place \[m\], tangent \[N/m\] and force \[N\], and of what the tangents have turned out to be wrong by.
@@ -120,19 +120,19 @@ impl Bend {
         &mut self,
         place_m: &Vec3,
         tangent: &[f32; 6],
-        (force, shape): (&Vec3, Option<Shape>),
+        (force, shape): (&Vec3, &Option<Shape>),
         scale: f32,
     ) {
         self.scale = scale;
-        self.shape = shape;
-        let new = Known {
+        self.shape = *shape;
+        let new = || Known {
             place_m: *place_m,
             tangent: *tangent,
             force_n: *force,
-            shape: self.shape,
+            shape: *shape,
         };
-        let Some(last) = self.last else {
-            self.last = Some(new);
+        let Some(last) = &self.last else {
+            self.last = Some(new());
             return;
         };
         let way = place_m - last.place_m;
@@ -140,7 +140,6 @@ impl Bend {
         if square < TOLD {
             return;
         }
-        self.last = Some(new);
         let (expected, turn) = last.after(&way, scale);
         let turned = |v: Vec3| turn.map_or(v, |turn| turn.turned(&v));
         let told = turned(self.whole(&way, dot(&way, &self.per_way)));
@@ -153,11 +152,12 @@ impl Bend {
         self.per_way = way * (1.0 / square);
         let before = last.seen_after(turn.as_ref());
         let change = core::array::from_fn(|i| tangent[i] - before[i]);
-        self.change = match (&last.shape, &self.shape) {
+        self.change = match (&last.shape, shape) {
             // What is left of it across the normal is the turn's.
             (Some(_), Some(shape)) => shape.along_normal(&change),
             _ => change,
         };
+        self.last = Some(new());
         let most = TURNED * TURNED * square_of(tangent);
         let turned = square_of(&self.change);
         self.farthest = if turned > 0.0 {
@@ -267,7 +267,7 @@ mod tests {
 
     fn learn(bend: &mut Bend, at: &Vec3, (force, slope): (Vec3, [f32; 6])) {
         let shape = Shape::of_contact(&slope, &force);
-        bend.learn(at, &slope, (&force, shape), 1.0);
+        bend.learn(at, &slope, (&force, &shape), 1.0);
     }
 
     /// The force after a way, and by how much the tangent is off it.

@@ -58,6 +58,8 @@ pub(super) struct LocalContact {
     max_force_n: f32,
     /// Spectral norm of d force / d position \[N/m\].
     stiffness: f32,
+    /// Stiffness along its normal \[N/m\].
+    pub stiffness_out: f32,
 }
 
 impl LocalContact {
@@ -85,7 +87,9 @@ impl LocalContact {
             rate: Vec3::zeros(),
             max_force_n,
             stiffness: spectral_norm(&translational(&body.tangent)),
+            stiffness_out: 0.0,
         };
+        contact.stiffness_out = contact.stiffness_along(&contact.normal);
         contact.applied_age_us = contact.age_us(now_us);
         contact
     }
@@ -142,8 +146,13 @@ impl LocalContact {
     }
 
     /// Change of force from `before` to this frame \[N\]: as the mean of both tangents tells it, and as it came,
-    /// without what had relaxed meanwhile; and the time between them \[s\]. None unless both touch.
-    pub fn change_since(&self, before: &LocalContact) -> Option<(Vec3, Vec3, f32)> {
+    /// without what had relaxed meanwhile; and the time between them \[s\]. None unless both touch. `shapes`: of this frame and
+    /// of `before`, each by its tangent.
+    pub fn change_since(
+        &self,
+        before: &LocalContact,
+        shapes: [&Option<Shape>; 2],
+    ) -> Option<(Vec3, Vec3, f32)> {
         let touches = |contact: &LocalContact| {
             contact.gap_m <= 0.0 && dot(&contact.normal, &contact.own_force()) > 0.0
         };
@@ -152,12 +161,19 @@ impl LocalContact {
         }
         let moved = self.grip.moved_from(&before.grip);
         let way = self.way_since(before);
-        // Light contacts alone ask for normals.
-        let shape = |of: &LocalContact, other: &LocalContact| {
-            of.shape_or(|slope| Shape::of_normals(slope, &other.skin(), &of.skin()))
-        };
-        let onward = before.beyond_tangent(shape(before, self).as_ref(), &way);
-        let back = self.beyond_tangent(shape(self, before).as_ref(), &-way);
+        // Only where the tangent tells none are normals asked for.
+        let beyond =
+            |of: &LocalContact, shape: &Option<Shape>, other: &LocalContact, way: &Vec3| {
+                let by_normals = || Shape::of_normals(&of.slope(), &other.skin(), &of.skin());
+                match shape {
+                    Some(shape) => of.beyond_tangent(shape, way),
+                    None => by_normals()
+                        .map_or_else(Vec3::zeros, |shape| of.beyond_tangent(&shape, way)),
+                }
+            };
+        let [own, others] = shapes;
+        let onward = beyond(before, others, self, &way);
+        let back = beyond(self, own, before, &-way);
         let plane = force_of(&self.tangent, &moved) + force_of(&before.tangent, &moved);
         let told = (plane + onward - back) * 0.5;
         let span_us = self.console_time_us.saturating_sub(before.console_time_us);
@@ -176,17 +192,25 @@ impl LocalContact {
         way - self.normal * dot(&self.normal, way)
     }
 
-    /// Shape of the body here: by the tangent, else by the normals here and at another place.
-    pub fn shape_beside(&self, skin: &Skin, others: &[Option<Skin>]) -> Option<Shape> {
-        others.first().copied().flatten()?;
-        let mut others = others.iter().flatten();
-        self.shape_or(|slope| others.find_map(|other| Shape::of_normals(slope, other, skin)))
+    /// Shape of the body here by the tangent.
+    pub fn shape(&self) -> Option<Shape> {
+        Shape::of_contact(&self.slope(), &self.own_force())
     }
 
-    /// The same with another source in place of the normals.
-    fn shape_or(&self, other: impl FnOnce(&[f32; 6]) -> Option<Shape>) -> Option<Shape> {
+    /// Shape of the body here: `own`, by the tangent, else by the normals here and at another place.
+    pub fn shape_beside(
+        &self,
+        own: &Option<Shape>,
+        skin: &Skin,
+        others: &[Option<Skin>],
+    ) -> Option<Shape> {
+        others.first()?.as_ref()?;
+        if own.is_some() {
+            return *own;
+        }
         let slope = self.slope();
-        Shape::of_contact(&slope, &self.own_force()).or_else(|| other(&slope))
+        let mut others = others.iter().flatten();
+        others.find_map(|other| Shape::of_normals(&slope, other, skin))
     }
 
     /// The skin as this frame has it.
@@ -199,9 +223,8 @@ impl LocalContact {
     }
 
     /// Change of the force along a way \[m\] that the tangent does not foretell, on a body of this shape \[N\].
-    fn beyond_tangent(&self, shape: Option<&Shape>, way: &Vec3) -> Vec3 {
-        let turn = shape.and_then(|shape| Some((shape, shape.turn(way)?)));
-        turn.map_or_else(Vec3::zeros, |(shape, turn)| {
+    fn beyond_tangent(&self, shape: &Shape, way: &Vec3) -> Vec3 {
+        shape.turn(way).map_or_else(Vec3::zeros, |turn| {
             let plane = self.own_force() + product(&self.slope(), way);
             turn.turned(&(plane + shape.lacks(&turn))) - plane
         })
@@ -213,7 +236,7 @@ impl LocalContact {
         if self.gap_m > 0.0 || push_n <= 0.0 {
             return self.gap_m;
         }
-        -push_n / max(self.stiffness_along(&self.normal), SOFTEST_N_PER_M)
+        -push_n / max(self.stiffness_out, SOFTEST_N_PER_M)
     }
 
     /// Where the tool of this frame began to touch \[m\], and the tangent there \[N/m\], by the frame before, in which it did not yet, on a

@@ -417,8 +417,8 @@ impl Control {
         let grip = self.grip(&pose, input);
         self.passivity.book(&joints.moved);
 
-        let needle = self.new_needle.take();
-        let thread = self.new_thread.take();
+        let needle = taken(&mut self.new_needle);
+        let thread = taken(&mut self.new_thread);
         if let Some(fixture) = self.new_fixture.take() {
             self.fixed.set(fixture.body());
         }
@@ -756,6 +756,11 @@ fn hash_contact(trace: &mut TraceHash, frame: &ValidContact) {
     trace.floats(&body.normal);
     trace.floats(&[body.gap_m, body.relaxation_per_s]);
     trace.word(body.horizon_us);
+}
+
+/// Takes what has come, if anything has: [`Option::take`] moves as many bytes where nothing has.
+fn taken<T>(place: &mut Option<T>) -> Option<T> {
+    if place.is_some() { place.take() } else { None }
 }
 
 /// What was solved for no older a state takes the place of the one before.

@@ -311,9 +311,9 @@ impl Passivity {
 
     /// Takes note of what went to the motors: efforts of the contact force, and that force \[N\].
     pub fn commit(&mut self, efforts: &[f32; JOINTS], force: &Vec3) {
-        self.efforts.rotate_right(1);
-        if let Some(newest) = self.efforts.first_mut() {
-            *newest = *efforts;
+        let mut newer = *efforts;
+        for place in &mut self.efforts {
+            newer = core::mem::replace(place, newer);
         }
         self.before_n = libm::sqrtf(dot(force, force));
     }

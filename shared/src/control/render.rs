@@ -7,7 +7,7 @@ use super::bend::Bend;
 use super::contact::{Freshness, LocalContact, STRONGEST_N};
 use super::drift::{Change, Drift};
 use super::needle::LocalNeedle;
-use super::round::Skin;
+use super::round::{Shape, Skin};
 use super::rows::{ContactRows, MAX_RESIDUAL};
 use super::thread::LocalThread;
 use super::trust::Trust;
@@ -66,6 +66,8 @@ pub(super) struct Render {
     trust: Trust,
     drift: Drift,
     bend: Bend,
+    /// Shape under the frame in use as its tangent alone tells it.
+    shape: Option<Shape>,
     /// The last two frames with other normals, the newest first.
     beside: [Option<Skin>; 2],
     /// See [`left`](Self::left).
@@ -164,6 +166,7 @@ impl Render {
             trust: Trust::FULL,
             drift: Drift::NONE,
             bend: Bend::NONE,
+            shape: None,
             beside: [None; 2],
             left: 0.0,
             changed: false,
@@ -245,7 +248,7 @@ impl Render {
             return Vec3::zeros();
         }
         let age_s = contact.age_us(now_us) as f32 * 1e-6;
-        contact.normal * (contact.stiffness_along(&contact.normal) * speed * age_s)
+        contact.normal * (contact.stiffness_out * speed * age_s)
     }
 
     /// How old the frame in use is.
@@ -291,14 +294,20 @@ impl Render {
         self.hold(needle, thread, (&new, &fresh.contact.body().tangent));
         self.sideways_m = SIDEWAYS_M;
         let skin = new.skin();
+        let shape = new.shape();
         if let Some(old) = &self.contact {
             new.follow(old);
             let way_m = length(&new.across(&new.way_since(old)));
             self.sideways_m = max(SIDEWAYS_M, SIDEWAYS * way_m);
-            let change = new.change_since(old).filter(|_| !self.holds(now_us));
+            let holds = now_us < self.held_until_us;
+            let change = if holds {
+                None
+            } else {
+                new.change_since(old, [&shape, &self.shape])
+            };
             match &change {
                 Some((foretold, came, span_s)) => {
-                    let stiffness = new.stiffness_along(&new.normal);
+                    let stiffness = new.stiffness_out;
                     self.drift.learn(&Change {
                         normal: new.normal,
                         told: *foretold,
@@ -317,8 +326,8 @@ impl Render {
                     self.drift = Drift::NONE;
                 }
             }
-            if self.tuning.guards.bend && !self.holds(now_us) {
-                let shape = new.shape_beside(&skin, &self.beside);
+            if self.tuning.guards.bend && !holds {
+                let shape = &new.shape_beside(&shape, &skin, &self.beside);
                 let touched = new.touched_at(old, shape.as_ref());
                 if let Some((place_m, slope)) = touched {
                     self.bend
@@ -345,6 +354,7 @@ impl Render {
         };
         self.rows.replace(&fresh.rows, farthest);
         self.contact = Some(new);
+        self.shape = shape;
         self.changed = true;
     }
 
@@ -356,20 +366,21 @@ impl Render {
         (contact, told): (&LocalContact, &[f32; 21]),
     ) {
         let solved_us = contact.console_time_us;
-        let old = self.needle.take();
-        let needle = needle.filter(|needle| needle.console_time_us() == solved_us);
-        self.needle = needle.map(|frame| {
-            let mut needle = LocalNeedle::new(frame);
-            if !self.tuning.guards.rubs {
-                needle.forget_friction();
+        match needle.filter(|needle| needle.console_time_us() == solved_us) {
+            Some(frame) => {
+                let mut needle = LocalNeedle::new(frame);
+                if !self.tuning.guards.rubs {
+                    needle.forget_friction();
+                }
+                needle.limit(self.stable_n_per_m, [told, contact.tangent()]);
+                needle.note_contact(contact.tangent(), contact.wrench());
+                if let Some(old) = &self.needle {
+                    needle.adopt(old);
+                }
+                self.needle = Some(needle);
             }
-            needle.limit(self.stable_n_per_m, [told, contact.tangent()]);
-            needle.note_contact(contact.tangent(), contact.wrench());
-            if let Some(old) = &old {
-                needle.adopt(old);
-            }
-            needle
-        });
+            None => self.needle = None,
+        }
         self.through &= self.needle.is_some();
         let thread = thread.filter(|thread| thread.console_time_us() == solved_us);
         self.thread = thread.map(LocalThread::new);
@@ -403,7 +414,7 @@ impl Render {
         self.pull_n *= self.fade;
         let [since, last] = self.ticks;
         self.ticks = [(since + 1).min(BLEND_TICKS), last];
-        let Some(contact) = self.contact else {
+        let Some(contact) = &self.contact else {
             self.left = 0.0;
             return Vec3::zeros();
         };
@@ -422,9 +433,9 @@ impl Render {
             return Vec3::zeros();
         }
         let dx = contact.moved_to(&at);
-        let (tangent, normal) = self.by_tangent(&contact, &dx, now_us);
+        let (tangent, normal) = self.by_tangent(contact, &dx, now_us);
         let model = if self.tuning.rendering == Rendering::Rows {
-            self.solved(&contact, grip, &dx, tangent, now_us)
+            self.solved(grip, &dx, tangent, now_us)
         } else {
             tangent
         };
@@ -437,7 +448,7 @@ impl Render {
             // As fast as it goes: a tick's way is of a few steps of an encoder, and swings by them.
             let onward = velocity * TICK_S;
             let tangent = tangent + faded;
-            self.blend(&contact, &dx, (&model, &normal), &tangent, onward, now_us);
+            self.blend(&dx, (&model, &normal), &tangent, onward, now_us);
         }
         // A tick on one model says how the force goes on into the next one.
         // Where a force sets in or ends, there is no course: such a tick has a part of its way in the air.
@@ -486,14 +497,10 @@ impl Render {
     }
 
     /// The force with all that the console solves by itself: the needle's and the thread's state, or contact rows.
-    fn solved(
-        &mut self,
-        contact: &LocalContact,
-        grip: &Grip,
-        dx: &[f32; 6],
-        tangent: Vec3,
-        now_us: u64,
-    ) -> Vec3 {
+    fn solved(&mut self, grip: &Grip, dx: &[f32; 6], tangent: Vec3, now_us: u64) -> Vec3 {
+        let Some(contact) = &self.contact else {
+            return tangent;
+        };
         let mut force = tangent;
         if let Some(needle) = &mut self.needle {
             // Slips where the grip is: where it would get at this speed, it need not.
@@ -542,7 +549,6 @@ impl Render {
     /// the course that the force has taken so far, and across that by the new tangent.
     fn blend(
         &mut self,
-        contact: &LocalContact,
         dx: &[f32; 6],
         (model, normal): (&Vec3, &Vec3),
         tangent: &Vec3,
@@ -559,7 +565,7 @@ impl Render {
         }
         let parted = core::mem::take(&mut self.parted);
         (self.offset_n, self.pull_n) = (Vec3::zeros() - model, 0.0);
-        let Some((force, at)) = &self.last else {
+        let (Some(contact), Some((force, at))) = (&self.contact, &self.last) else {
             return;
         };
         if parted && dot(model, model) < dot(force, force) {

@@ -291,7 +291,7 @@ impl ContactRows {
     fn slip_to(&mut self, farthest: impl FnOnce(&Vec3) -> f32) {
         let mut along = Vec3::zeros();
         for touch in self.rubbing() {
-            along += self.slide(&touch, |rows, row| at(&rows.told, row));
+            along += self.slide(touch, |rows, row| at(&rows.told, row));
         }
         let square = dot(&along, &along);
         if square <= 0.0 {
@@ -299,7 +299,11 @@ impl ContactRows {
         }
         let along = along * (1.0 / libm::sqrtf(square));
         let way = along * min(farthest(&along), 0.0);
-        for touch in self.rubbing() {
+        for index in 0..usize::from(self.touching) {
+            let touch = self.touches.get(index).copied().unwrap_or_default();
+            if touch.friction <= 0.0 {
+                continue;
+            }
             let rows = [usize::from(touch.row) + 1, usize::from(touch.row) + 2];
             let slipped = square_of(rows.map(|row| at(&self.told, row)));
             if slipped <= 0.0 {
@@ -321,8 +325,8 @@ impl ContactRows {
     }
 
     /// Contacts with friction.
-    fn rubbing(&self) -> impl Iterator<Item = Touch> + use<> {
-        let touches = self.touches.into_iter();
+    fn rubbing(&self) -> impl Iterator<Item = &Touch> {
+        let touches = self.touches.iter();
         let touches = touches.take(usize::from(self.touching));
         touches.filter(|touch| touch.friction > 0.0)
     }
@@ -356,7 +360,7 @@ impl ContactRows {
             let row = usize::from(touch.row);
             let force = at(&self.lambda, row) * at(&self.scale, row);
             whole += force;
-            sum += self.slid(&touch) * force;
+            sum += self.slid(touch) * force;
         }
         (whole > 0.0).then(|| sum * (1.0 / whole))
     }
@@ -384,9 +388,13 @@ impl ContactRows {
         } else {
             old.residual
         };
+        let known = || old.touches.iter().take(usize::from(old.touching));
+        let mut next = known();
         for touch in self.touches.iter().take(usize::from(self.touching)) {
-            let mut known = old.touches.iter().take(usize::from(old.touching));
-            let Some(before) = known.find(|other| other.id == touch.id) else {
+            let is_same = |other: &&Touch| other.id == touch.id;
+            // Most come in the order in which they did.
+            let before = next.next().filter(is_same);
+            let Some(before) = before.or_else(|| known().find(is_same)) else {
                 continue;
             };
             let (to, from) = (usize::from(touch.row), usize::from(before.row));
