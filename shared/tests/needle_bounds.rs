@@ -153,7 +153,7 @@ fn a_needle_is_felt_within_its_friction_however_stiff_the_tissue_is() {
                 let what = format!("{stiffness} N/m, hand {hand} N/m, {period_ms} ms");
                 assert!(most_n < 1.25 * FRICTION_N, "{what}: {most_n} N");
                 // Soft hands chatter in stiff tissue, where the mean of both forces is small.
-                if hand >= 800.0 || stiffness <= 8e3 {
+                if hand >= 800.0 || stiffness < 8e3 {
                     assert!(part > 0.8, "{what}: {part} of the true force");
                 }
             }

@@ -107,12 +107,17 @@ impl PageAttendant {
             Command::SafeStop => {
                 self.stops.push((Stop::Safe, reply.person()));
                 (self.arms, self.is_stopped, self.leaving) = (false, true, None);
+                if let Some((guide, _)) = &mut self.hand {
+                    guide.stop();
+                }
                 self.telemetry.safe_stop(reply.asker());
                 Some(Order::Command(ToConsole::Disarm))
             }
             Command::ClearFault => Some(Order::Command(ToConsole::ClearFault)),
             Command::Arm => {
-                (self.arms, self.is_stopped, self.leaving) = (true, false, None);
+                // One that is armed already needs nothing, now or later.
+                let arms = !self.telemetry.renders();
+                (self.arms, self.is_stopped, self.leaving) = (arms, false, None);
                 self.telemetry.arm();
                 None
             }

@@ -112,6 +112,12 @@ impl Guide {
         }
     }
 
+    /// Ends a drag, and what follows one: from now on it does what it was told last, and stays where that ends.
+    pub fn stop(&mut self) {
+        self.places.clear();
+        self.doing = Doing::Script;
+    }
+
     /// Whether it was dragged.
     pub fn has_way(&self) -> bool {
         self.dragged.len() > 1

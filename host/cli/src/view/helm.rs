@@ -355,6 +355,8 @@ impl<'a> Helm<'a> {
         instructions: &mut Vec<Instruction>,
     ) {
         self.leaving = None;
+        // A drag is over: a grip that is armed again stays where it was stopped.
+        self.guide.stop();
         self.show.telemetry().safe_stop(stopper.asker);
         instructions.push(Instruction::Stop(Stop::Safe, stopper.person.clone()));
         self.order(ToConsole::Disarm, now, instructions);
