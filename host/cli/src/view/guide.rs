@@ -317,6 +317,19 @@ mod tests {
         each.collect()
     }
 
+    /// After a safe stop the hand stays where its last order ends, whatever it was dragged to.
+    #[test]
+    fn a_stop_ends_a_drag() {
+        let mut guide = Guide::new(hand());
+        guide.drag(0.5, Some([0.02, 0.0, 0.03]));
+        run(&mut guide, 0.5, 0.05);
+        guide.stop();
+        let after = run(&mut guide, 0.55, 1.0);
+        let end = after[after.len() - 1];
+        assert!(distance(&after[0], &end) < FASTEST_M_PER_S * PERIOD_S);
+        assert!(distance(&end, &[0.02, 0.0, 0.03]) > 5e-3, "{end:?}");
+    }
+
     /// It follows without a jump and not too fast, waits when it is let go, and goes back by which it came.
     #[test]
     fn it_follows_holds_and_goes_back() {
