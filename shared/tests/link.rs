@@ -465,16 +465,11 @@ fn whoever_does_not_fit_gets_an_answer_but_no_session() {
     let host = || HostLink::new(1000);
     let mut console = console();
     let schema = host_hello(|h| h.schema_hash ^= 1);
-    mismatch(
-        &schema,
-        (&mut console, NOW_US + 0 * REFUSED_EVERY_US),
-        Reject::Schema,
-        host(),
-    );
+    mismatch(&schema, (&mut console, NOW_US), Reject::Schema, host());
     let rate = host_hello(|h| h.tick_hz = 500);
     mismatch(
         &rate,
-        (&mut console, NOW_US + 1 * REFUSED_EVERY_US),
+        (&mut console, NOW_US + REFUSED_EVERY_US),
         Reject::TickRate,
         HostLink::new(500),
     );

@@ -246,10 +246,14 @@ impl Desk {
             while let Some((line, rest)) = self.rest.split_once("\r\n") {
                 self.fillers += usize::from(line.starts_with('~'));
                 let announced = line.strip_prefix("next ").map(str::to_owned);
+                let bulk = line.strip_prefix("send ").map(str::to_owned);
                 self.rest = rest.to_owned();
                 if let Some(what) = announced {
                     self.resets(&what);
                     self.cable.plug_again();
+                }
+                if let Some(count) = bulk {
+                    self.send_bulk(count.parse().unwrap());
                 }
             }
         }
@@ -257,6 +261,16 @@ impl Desk {
         assert_eq!(self.fillers, 16_384 / 64);
         eprintln!("{}", self.board.speed());
         end(host)
+    }
+
+    /// Bytes that the image has asked for, all at once: ticks are not to run out while a busy machine keeps the host waiting.
+    fn send_bulk(&mut self, count: usize) {
+        let mut bytes = Vec::new();
+        while bytes.len() < count {
+            std::thread::sleep(std::time::Duration::from_millis(1));
+            bytes.extend(self.cable.take());
+        }
+        self.board.send(&bytes);
     }
 
     /// What the image has announced, and the boot after it.

@@ -839,11 +839,13 @@ pub fn start(
     }
     // The interrupts of all boards' tasks are unmasked.
     NVIC::mask(Interrupt::USART1);
-    // Priorities are the framework's. SAFETY of the two: no task runs yet, and only an image that shows that a test notices has them.
+    // Priorities are the framework's.
     if !stands("stop_priority") {
+        // SAFETY: no task runs yet; only an image that shows that a test notices comes here.
         unsafe { core.NVIC.set_priority(Interrupt::TIM8_BRK_TIM12, 0xF0) };
     }
     if !stands("supply_priority") {
+        // SAFETY: as above.
         unsafe { core.NVIC.set_priority(Interrupt::PVD, 0xF0) };
     }
 
