@@ -267,7 +267,7 @@ impl Desk {
     fn send_bulk(&mut self, count: usize) {
         let mut bytes = Vec::new();
         while bytes.len() < count {
-            std::thread::sleep(std::time::Duration::from_millis(1));
+            std::thread::sleep(Duration::from_millis(1));
             bytes.extend(self.cable.take());
         }
         self.board.send(&bytes);
