@@ -7,45 +7,19 @@
     reason = "a test, with one outage or several"
 )]
 
+use crate::grip::{DAMPING, MASS, device};
 use crate::rig::{frame, wall};
 use core::ops::Range;
 use sutura_shared::control::{Control, Guards, Rendering, TickInput, Tuning};
-use sutura_shared::device::{DeviceDescription, JOINTS, Joint, Kinematics};
 use sutura_shared::wire::inputs;
 use sutura_shared::wire::message::{Command, Contact};
 
 const STEPS: u32 = 20;
 const STEP_S: f64 = 1e-3 / STEPS as f64;
 const COUNTS_PER_M: f64 = 81_487.0;
-const MASS: f64 = 0.1;
-const DAMPING: f64 = 0.5;
 /// Rate at which a force may come back \[N/s\], and the most energy of an outage \[J\].
 const RATE: f64 = 5.0;
 const CREDIT: f64 = 15e-3;
-
-fn device() -> DeviceDescription {
-    let joint = Joint {
-        counts_per_unit: COUNTS_PER_M as f32,
-        zero_counts: 0,
-        effort_per_amp: 3.75,
-        max_current_a: 4.0,
-        max_slew_per_s: 2000.0,
-        max_speed_per_s: 2.0,
-        inertia: MASS as f32,
-        damping: DAMPING as f32,
-        coulomb: 0.0,
-    };
-    DeviceDescription {
-        name: [0; 16],
-        kinematics: Kinematics::Cartesian { origin_m: [0.0; 3] },
-        joints: [joint; JOINTS],
-        gravity_mass_kg: [0.0; JOINTS],
-        max_force_n: 10.0,
-        max_power_w: 10.0,
-        max_grip_speed_m_per_s: 1.5,
-        actuation_delay_us: 1000,
-    }
-}
 
 /// Hands: stiffness \[N/m\] and damping \[N s/m\]; none goes where it wants.
 const HANDS: [Option<(f64, f64)>; 4] = [
@@ -94,7 +68,7 @@ fn feel(scene: &Scene) -> Vec<Tick> {
         rendering: Rendering::Tangent,
         guards: scene.guards,
     };
-    let mut control = Control::tuned(device(), tuning).unwrap();
+    let mut control = Control::tuned(device(COUNTS_PER_M), tuning).unwrap();
     let path = scene.path;
     let mut z = path(0.0);
     let (mut v, mut acting, mut commanded, mut energy) = (0.0, 0.0, 0.0, 0.0);

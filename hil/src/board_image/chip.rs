@@ -185,9 +185,9 @@ pub struct Chip {
     pub brown_out: u32,
     /// Reads of the clock control while the crystal does not swing, and of the supply's detector while it finds it low, in a start.
     pub waits: u32,
-    /// Writes so far, and the number of each that has started a timer, by its control register.
+    /// Number of writes so far.
     writes: u64,
-    /// As above.
+    /// Number of the write that has started each timer, by its control register.
     pub started: BTreeMap<u32, u64>,
     /// The core's cycle counter, as it was last read.
     pub cycles: u32,

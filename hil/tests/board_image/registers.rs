@@ -38,7 +38,7 @@ struct Clocks {
     usb: f64,
     apb1: f64,
     apb2: f64,
-    /// Of timers on each bus: twice the bus's where that is divided (RM0090, 7.2).
+    /// Clocks of the timers on each bus: twice the bus's where that is divided (RM0090, 7.2).
     timers1: f64,
     timers2: f64,
 }

@@ -239,7 +239,7 @@ impl LocalContact {
         -push_n / max(self.stiffness_out, SOFTEST_N_PER_M)
     }
 
-    /// Where the tool of this frame began to touch \[m\], and the tangent there \[N/m\], by the frame before, in which it did not yet, on a
+    /// Place at which the tool of this frame began to touch \[m\], and the tangent there \[N/m\], by the frame before, in which it did not yet, on a
     /// body of this shape.
     pub fn touched_at(
         &self,

@@ -20,7 +20,7 @@ const BELIEVED_S: f32 = 0.1;
 /// Time for which the last frame tells, in times between frames.
 const LASTS: f32 = 2.0;
 
-/// What two frames in succession say of the motion between them.
+/// Change between two frames in succession.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Change {
     /// Out of the tissue, of length 1.
@@ -36,7 +36,7 @@ pub(super) struct Change {
     pub span_s: f32,
 }
 
-/// What is known of the surface.
+/// Motion of the surface, as far as it is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Drift {
     /// Speed along the normal that has been seen for a while, and by the last frame \[m/s\].

@@ -286,7 +286,7 @@ impl LocalNeedle {
         forward
     }
 
-    /// Of a needle that sticks stiffly, and whose slide does not turn: direction of the slide, and the axial force if
+    /// Bound of a needle that sticks stiffly, and whose slide does not turn: direction of the slide, and the axial force if
     /// the grip goes on to `dx` with the least and the largest that hold the needle there \[N\].
     pub fn bounds(&self, dx: &[f32; 6]) -> Option<(Vec3, f32, [f32; 2])> {
         let [x, y, z, a, b, c] = self.slide;

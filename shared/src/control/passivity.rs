@@ -82,7 +82,7 @@ pub(super) struct Passivity {
     moved: [f32; JOINTS],
     /// Coordinate of a count.
     count: [f32; JOINTS],
-    /// How far the joints are ahead of what is booked, and how far they may be.
+    /// Motion of the joints ahead of what is booked, and the most of it.
     ahead: [f32; JOINTS],
     band: [f32; JOINTS],
     /// Force at the last tick \[N\].

@@ -233,7 +233,7 @@ impl Render {
         (along * min(scale, 1.0), most * max(scale, 1.0))
     }
 
-    /// How fast the tissue's surface comes towards the tool by itself \[m/s\]. Baselines know nothing of it.
+    /// Speed at which the tissue's surface comes towards the tool by itself \[m/s\]. Baselines know nothing of it.
     pub fn drift_m_per_s(&self) -> f32 {
         match self.tuning.rendering {
             Rendering::Tangent | Rendering::Rows => self.drift.speed(),

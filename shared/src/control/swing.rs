@@ -91,7 +91,7 @@ struct Bounce {
     /// Largest force \[N\], and way in \[m\].
     most_n: f32,
     deep_m: f32,
-    /// How fast at most, on the way in and out \[m/s\].
+    /// Largest speed on the way in and out \[m/s\].
     inward: f32,
     outward: f32,
     /// Square of the console's own angular frequency where it turned \[1/s^2\].

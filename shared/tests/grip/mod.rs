@@ -141,8 +141,10 @@ pub fn device(counts_per_m: f64) -> DeviceDescription {
     }
 }
 
-const MASS: f64 = 0.1;
-const DAMPING: f64 = 0.5;
+/// Mass of a stage \[kg\], and its damping \[N s/m\].
+pub const MASS: f64 = 0.1;
+/// See [`MASS`].
+pub const DAMPING: f64 = 0.5;
 
 /// From `from` to `to` with the least jerk within a time, 0 to 1 of it.
 pub fn ramp(s: f64) -> f64 {

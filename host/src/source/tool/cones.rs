@@ -446,7 +446,7 @@ impl Cones {
         }
     }
 
-    /// How the wrench follows the pose by these cones as they stick, slip or are open now. A cone that slips gives way along its friction;
+    /// Derivative of the wrench by the pose for these cones as they stick, slip or are open now. A cone that slips gives way along its friction;
     /// across that it sticks as long as it has hardly slipped, and turns then.
     fn follows(&mut self, m: usize) -> Matrix6<f64> {
         if m == 0 {

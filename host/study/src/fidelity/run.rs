@@ -333,7 +333,7 @@ struct Remote<'a> {
     link: Option<(LinkSpec, Link<Frame>)>,
     /// The last rows that came.
     rows: Box<ContactRows>,
-    /// What the console's end of the link has heard: the newest sequence, and what belongs together.
+    /// Sequences that the console's end of the link has heard: the newest one, and those that belong together.
     heard: u32,
     companions: Companions,
     /// The next turn, solves so far, and frames.
