@@ -14,7 +14,7 @@ use tungstenite::client::IntoClientRequest as _;
 use tungstenite::http::HeaderValue;
 use tungstenite::{Error, HandshakeError, WebSocket};
 
-/// How long is waited for something new before keys are looked at \[ms\].
+/// Most time for reading or writing before keys are looked at.
 const WAIT: Duration = Duration::from_millis(20);
 /// Most time for a server to be reached, to say of which session it is, and to take a command.
 const WITHIN: Duration = Duration::from_secs(5);
@@ -51,6 +51,12 @@ fn late() -> String {
         "it did not say within {} s of which session it is",
         WITHIN.as_secs()
     )
+}
+
+/// Whether only the time for reading or writing was over.
+fn would_wait(error: &Error) -> bool {
+    use io::ErrorKind::{Interrupted, TimedOut, WouldBlock};
+    matches!(error, Error::Io(why) if matches!(why.kind(), WouldBlock | TimedOut | Interrupted))
 }
 
 /// A command with a number of its own.
@@ -93,7 +99,7 @@ impl Remote {
         let stream = stream.map_err(|why| unreachable(&why))?;
         let timeouts = || {
             stream.set_nodelay(true)?;
-            stream.set_write_timeout(Some(WITHIN))?;
+            stream.set_write_timeout(Some(WAIT))?;
             stream.set_read_timeout(Some(WAIT))
         };
         timeouts().map_err(|why| unreachable(&why))?;
@@ -155,9 +161,13 @@ impl Remote {
     }
 
     fn send(&mut self, value: &Value) {
-        let sent = self
+        let until = Instant::now() + WITHIN;
+        let mut sent = self
             .socket
             .send(tungstenite::Message::text(value.to_string()));
+        while sent.as_ref().is_err_and(would_wait) && Instant::now() < until {
+            sent = self.socket.flush();
+        }
         if let Err(error) = sent {
             self.end(&error);
         }
@@ -180,8 +190,10 @@ impl Remote {
 impl Source for Remote {
     fn receive(&mut self) -> Vec<Message> {
         let mut all = std::mem::take(&mut self.first);
+        let until = Instant::now() + WAIT;
         for _ in 0..AT_ONCE {
-            if self.ended.is_some() {
+            // A server that takes nothing holds up each reading that has to answer a ping.
+            if self.ended.is_some() || Instant::now() > until {
                 break;
             }
             match self.socket.read() {
@@ -198,16 +210,7 @@ impl Source for Remote {
                     self.ended = Some(format!("the session at {}: {words}", self.address));
                 }
                 Ok(_) => {}
-                Err(Error::Io(error))
-                    if matches!(
-                        error.kind(),
-                        io::ErrorKind::WouldBlock
-                            | io::ErrorKind::TimedOut
-                            | io::ErrorKind::Interrupted
-                    ) =>
-                {
-                    break;
-                }
+                Err(error) if would_wait(&error) => break,
                 Err(error) => self.end(&error),
             }
         }
