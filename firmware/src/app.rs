@@ -189,9 +189,9 @@ mod sutura {
         rtic::pend(Interrupt::TIM7);
     }
 
-    /// The break input: the timer has stopped the pulses already.
+    /// The break input: the timer has taken enable already.
     #[cfg(not(feature = "virtual"))]
-    #[task(binds = TIM8_BRK_TIM12, priority = 15)]
+    #[task(binds = TIM1_BRK_TIM9, priority = 15)]
     fn emergency_stop(_: emergency_stop::Context) {
         board::emergency_stop();
     }

@@ -9,13 +9,12 @@ use sutura_shared::mutant::stands;
 /// Motors driven by TIM8.
 pub const MOTORS: usize = 3;
 
-/// A register of an STM32F4's TIM8 that decides about torque.
+/// A register of an STM32F4's timers that decides about torque.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Register {
-    /// Second capture/compare mode register: the output of channel 4, which is the amplifiers' enable line, and the mode of
-    /// channel 3.
+    /// First capture/compare mode register of TIM1: the output of channel 1, which is the amplifiers' enable line.
     EnableMode,
-    /// Capture/compare register of a motor, from 0.
+    /// Capture/compare register of TIM8 for a motor, from 0.
     Compare(usize),
 }
 
@@ -25,11 +24,10 @@ pub trait TorqueRegisters {
     fn write(&mut self, register: Register, value: u32);
 }
 
-/// Second capture/compare mode register with channel 3 in PWM mode 1, preloaded, and channel 4 forced to its inactive level,
-/// which is low: amplifiers off (RM0090, 17.4.8: OC3PE, OC3M = 110, OC4M = 100).
-pub const ENABLE_OFF: u32 = 1 << 3 | 0b110 << 4 | 0b100 << 12;
-/// The same with channel 4 forced to its active level, which is high while the timer's outputs are on: amplifiers on (OC4M = 101).
-pub const ENABLE_ON: u32 = 1 << 3 | 0b110 << 4 | 0b101 << 12;
+/// Channel 1 forced to its inactive level, which is low: amplifiers off (RM0090, 17.4.7: OC1M = 100).
+pub const ENABLE_OFF: u32 = 0b100 << 4;
+/// Channel 1 forced to its active level, which is high while the timer's outputs are on: amplifiers on (OC1M = 101).
+pub const ENABLE_ON: u32 = 0b101 << 4;
 
 /// Takes the torque off: amplifiers disabled, then no current on every motor. `no_current`: that compare value.
 ///
@@ -68,12 +66,10 @@ mod tests {
             self.writes.push((register, value));
             match register {
                 Register::EnableMode => {
-                    // RM0090, 17.4.8: channel 3 keeps PWM mode 1, or motor 3 would leave its pulses.
-                    assert_eq!(value >> 4 & 0b111, 0b110);
-                    self.enable = match value >> 12 & 0b111 {
-                        0b100 => false,
-                        0b101 => true,
-                        other => panic!("channel 4 in mode {other:#b}"),
+                    self.enable = match value {
+                        0x40 => false,
+                        0x50 => true,
+                        other => panic!("TIM1_CCMR1 = {other:#x}"),
                     };
                 }
                 Register::Compare(motor) => self.compare[motor] = value,
@@ -89,7 +85,7 @@ mod tests {
         assert_eq!(
             mock.writes,
             [
-                (Register::EnableMode, 0x4068),
+                (Register::EnableMode, 0x40),
                 (Register::Compare(0), NONE),
                 (Register::Compare(1), NONE),
                 (Register::Compare(2), NONE),
@@ -138,10 +134,5 @@ mod tests {
         safe_state(&mut mock, NONE);
         safe_state(&mut mock, NONE);
         assert!(!mock.enable && !mock.torque);
-    }
-
-    #[test]
-    fn on_and_off_differ_in_channel_4_alone() {
-        assert_eq!(ENABLE_ON ^ ENABLE_OFF, 1 << 12);
     }
 }

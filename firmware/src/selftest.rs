@@ -1,7 +1,8 @@
 //! What a bare board with a few jumpers can find out about itself, without amplifiers: one line a check, with its figure.
 //!
 //! Entry point: [`SelfTest::tick`], once a tick. It asks a board through [`Rig`], so that the order of checks and every verdict are tested on
-//! the build machine. Jumpers: PC6 to A and PC7 to B of all three encoders, PC8 to PA6, PC9 to PB9, and nothing else on any of them.
+//! the build machine. Jumpers: PC6 to A and PC7 to B of all three encoders, PC8 to PA6, enable to PB9, and nothing else on any of them.
+//! Enable is PA8 of the H405, PE9 of the NUCLEO.
 //!
 //! Lines: `pass NAME FIGURE`, `FAIL NAME FIGURE`, `untimed NAME FIGURE` where the cycle counter stands, as it does under an emulator.
 //! What the host has to do is asked for by `send BYTES` and `next NAME`: bytes of [`PATTERN`], and to open the port again after a reset and
@@ -99,8 +100,10 @@ pub trait Rig {
     fn close_stop(&mut self, closed: bool);
     /// Enable, by the timer.
     fn enable(&mut self, on: bool);
-    /// Level of PC9.
+    /// Level of the enable line.
     fn enable_is_high(&self) -> bool;
+    /// Name of its pin.
+    fn enable_pin(&self) -> &'static str;
     /// Level of PB9.
     fn ready_is_high(&self) -> bool;
     /// Level of PA6.
@@ -510,7 +513,7 @@ impl SelfTest {
         rig.enable(true);
         let high = rig.enable_is_high() && rig.ready_is_high();
         rig.enable(false);
-        let text = format_args!("PC9 to PB9, both ways");
+        let text = format_args!("{} to PB9, both ways", rig.enable_pin());
         self.line(lines, "ready_line", low && high, text);
         true
     }
@@ -963,6 +966,9 @@ mod tests {
         fn enable(&mut self, on: bool) {
             self.enabled = on && self.closed;
         }
+        fn enable_pin(&self) -> &'static str {
+            "PA8"
+        }
         fn enable_is_high(&self) -> bool {
             self.enabled
         }
@@ -1051,7 +1057,7 @@ mod tests {
                 "pass time_base SysTick against the tick timer",
                 "pass supply above the detector's threshold",
                 "pass stop_line PC8 to PA6, both ways",
-                "pass ready_line PC9 to PB9, both ways",
+                "pass ready_line PA8 to PB9, both ways",
                 "pass stop_cuts enable low 119 ns after the stop opened, 1000 are allowed",
                 "pass encoder_1_forward 400 of 400 counts",
                 "pass encoder_2_forward 400 of 400 counts",

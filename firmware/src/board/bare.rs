@@ -3,6 +3,7 @@
 //! Entry points: [`BareRig::of`] for the control task, [`work`] for idle.
 
 use super::stm32f4::{EnableLine, Guard, Outputs, Plant, cycles};
+use super::wiring::{ENABLE_PIN, enable_is_high};
 use crate::devices::CARTESIAN_BENCH;
 use crate::measure::{self, Meter, Wire};
 use crate::selftest::{Bulk, Found, Job, NO_PROGRESS, PROGRESS_WORDS, Rig, Watchdog};
@@ -76,8 +77,7 @@ impl Rig for BareRig {
     }
 
     fn enable_is_high(&self) -> bool {
-        // SAFETY: a read without side effects.
-        unsafe { (*pac::GPIOC::ptr()).idr().read().idr9().bit_is_set() }
+        enable_is_high()
     }
 
     fn ready_is_high(&self) -> bool {
@@ -88,6 +88,10 @@ impl Rig for BareRig {
     fn stop_is_closed(&self) -> bool {
         // SAFETY: a read without side effects.
         unsafe { (*pac::GPIOA::ptr()).idr().read().idr6().bit_is_set() }
+    }
+
+    fn enable_pin(&self) -> &'static str {
+        ENABLE_PIN
     }
 
     fn cut(&mut self) -> Option<u32> {

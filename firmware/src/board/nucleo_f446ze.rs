@@ -6,8 +6,8 @@
 //! | pin | what | connector | on the board, as it is delivered | checked against |
 //! |---|---|---|---|---|
 //! | PC6, PC7, PC8 | TIM8 CH1 to CH3: current command of motor 1 to 3 | CN7 1, CN7 11, CN8 2 | the loader in ROM pulls PC7 down | F Z M |
-//! | PC9 | TIM8 CH4: amplifier enable, high = on | CN8 4 | **external 10 kOhm to ground**; the loader can pull it down, not up | F Z M |
-//! | PA6 | TIM8 BKIN: emergency stop, 3.3 V = run | CN7 12 (D12) | the loader may drive it: 1 kOhm in between | F Z M |
+//! | PE9 | TIM1 CH1: amplifier enable, high = on | CN10 4 (D6) | **external 10 kOhm to ground**; the loader leaves it alone | F Z |
+//! | PA6 | TIM1 BKIN: emergency stop, 3.3 V = run | CN7 12 (D12) | the loader may drive it: 1 kOhm in between | F Z M |
 //! | PB9 | amplifiers ready, 3.3 V = ready | CN7 4 (D14) | pull-down inside; goes to A4 (CN9 9) by SB138, which is open | Z M |
 //! | PB4, PB5 | TIM3: encoder 1 A, B | CN7 19, CN7 13 | PB4 is JTAG's NJTRST; PB5 goes to D11 (CN7 14) by SB122, which is open | F Z M, bridge: D |
 //! | PD12, PD13 | TIM4: encoder 2 A, B | CN10 21, CN10 19 | not PB6 and PB7: PB7 has LD2, by SB139 | F Z M |
@@ -57,7 +57,7 @@ use crate::drivers::lamp::{Lamp, Show};
 use crate::seed::{Seeds, WORDS};
 use core::mem::MaybeUninit;
 use embedded_hal::digital::PinState;
-use stm32f4xx_hal::gpio::{Input, Output, PB0, PB7, PB9, PB14, PG6};
+use stm32f4xx_hal::gpio::{Input, Output, PB0, PB7, PB9, PB14, PE9, PG6};
 use stm32f4xx_hal::rcc::{Config, Rcc};
 use stm32f4xx_hal::{pac, prelude::*, qei::Qei};
 use sutura_shared::wire::message::Mode;
@@ -80,6 +80,18 @@ pub const NAME: &str = "nucleo-f446ze";
 pub const CONSOLE: Console = devices::CONSOLE.named(NAME);
 #[cfg(feature = "mutants")]
 pub const CONSOLE: Console = fitted::fit(devices::CONSOLE.named(NAME));
+
+/// The amplifiers' enable line.
+pub type EnablePin = PE9<Input>;
+
+/// ... its pin's name.
+pub const ENABLE_PIN: &str = "PE9";
+
+/// Level of the enable line, as the pin has it.
+pub fn enable_is_high() -> bool {
+    // SAFETY: a read without side effects.
+    unsafe { (*pac::GPIOE::ptr()).idr().read().idr9().bit_is_set() }
+}
 
 /// The amplifiers' ready line.
 pub type Ready = PB9<Input>;
@@ -151,7 +163,7 @@ pub fn wire(
     bus: pac::SPI3,
     rcc: &mut Rcc,
 ) -> Wired {
-    let Ports { a, b, c, d, g } = ports;
+    let Ports { a, b, c, d, e, g } = ports;
     let encoder_1 = (
         b.pb4
             .into_alternate::<2>()
@@ -174,7 +186,8 @@ pub fn wire(
     let (sensors, _) = (Sensors, bus);
     Wired {
         stop: a.pa6,
-        motors: (c.pc6, c.pc7, c.pc8, c.pc9),
+        motors: (c.pc6, c.pc7, c.pc8),
+        enable: e.pe9,
         usb: (a.pa11, a.pa12),
         encoders: (
             Qei::new(timers.0, encoder_1, rcc).release().0,

@@ -5,8 +5,8 @@
 //! | pin | what | note |
 //! |---|---|---|
 //! | PC6, PC7, PC8 | TIM8 CH1 to CH3: current command of motor 1 to 3 | pulses as the console's `set_point` says: 4 kHz, 10 to 90 % duty, 50 % = no current |
-//! | PC9 | TIM8 CH4: amplifier enable, high = on | **external 10 kOhm to ground**: the pin floats in reset |
-//! | PA6 | TIM8 BKIN: emergency stop, 3.3 V = run | normally closed contact to 3.3 V; open, or a broken wire, stops |
+//! | PA8 | TIM1 CH1: amplifier enable, high = on | **external 10 kOhm to ground**: the pin floats in reset |
+//! | PA6 | TIM1 BKIN: emergency stop, 3.3 V = run | normally closed contact to 3.3 V; open, or a broken wire, stops |
 //! | PB9 | amplifiers ready, 3.3 V = ready | pull-down inside; open = not ready |
 //! | PB4, PA7 | TIM3: encoder 1 A, B | PB4 is JTAG's NJTRST: debug by SWD only |
 //! | PB6, PB7 | TIM4: encoder 2 A, B | |
@@ -18,7 +18,7 @@
 //! | PA13, PA14 | SWD | a JTAG probe would drive PA15, PB3, PB4 |
 //! | PC4 | USB supply sense of the board | left alone |
 //! | PA9, PA10, PB5, PB10, PB11, PB13, PC10, PC11 | nothing | the ROM's loader listens there, or drives them (ST AN2606, table 73) |
-//! | PA6, PA7, PB6, PB7, PC9 | as above | so does its version 9.1, which newer chips have (table 75): see the wiring page |
+//! | PA6, PA7, PA8, PB6, PB7 | as above | so does its version 9.1, which newer chips have (table 75): see the wiring page |
 //! | PA4, PA5 | nothing | the two pins that do not stand 5 V (data sheet DS8626, pin table: TTa) |
 //!
 //! All pins with an encoder stand 5 V (FT), with the chip under supply and their pull resistors off, which they are.
@@ -29,7 +29,7 @@ use super::stm32f4::{NoSensors, Ports, Wired, encoder_pull};
 use crate::devices::{self, Console};
 use crate::drivers::lamp::{Lamp, Show};
 use embedded_hal::digital::PinState;
-use stm32f4xx_hal::gpio::{self, Input, Output, PB9, PC12};
+use stm32f4xx_hal::gpio::{self, Input, Output, PA8, PB9, PC12};
 use stm32f4xx_hal::rcc::{Config, Enable, Rcc};
 use stm32f4xx_hal::{pac, prelude::*, qei::Qei};
 use sutura_shared::wire::message::Mode;
@@ -39,6 +39,18 @@ pub const NAME: &str = "olimex-h405";
 
 /// The console that hangs on this board.
 pub const CONSOLE: Console = devices::CONSOLE.named(NAME);
+
+/// The amplifiers' enable line.
+pub type EnablePin = PA8<Input>;
+
+/// ... its pin's name.
+pub const ENABLE_PIN: &str = "PA8";
+
+/// Level of the enable line, as the pin has it.
+pub fn enable_is_high() -> bool {
+    // SAFETY: a read without side effects.
+    unsafe { (*pac::GPIOA::ptr()).idr().read().idr8().bit_is_set() }
+}
 
 /// The amplifiers' ready line.
 pub type Ready = PB9<Input>;
@@ -100,7 +112,8 @@ pub fn wire(
     );
     Wired {
         stop: a.pa6,
-        motors: (c.pc6, c.pc7, c.pc8, c.pc9),
+        motors: (c.pc6, c.pc7, c.pc8),
+        enable: a.pa8,
         usb: (a.pa11, a.pa12),
         encoders: (
             Qei::new(timers.0, encoder_1, rcc).release().0,

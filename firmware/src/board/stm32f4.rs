@@ -5,8 +5,8 @@
 //! | pin | what | note |
 //! |---|---|---|
 //! | PC6, PC7, PC8 | TIM8 CH1 to CH3: current command of motor 1 to 3 | pulses as the console's `set_point` says: 4 kHz, 10 to 90 % duty, 50 % = no current |
-//! | PC9 | TIM8 CH4: amplifier enable, high = on | **external 10 kOhm to ground**: the pin floats in reset |
-//! | PA6 | TIM8 BKIN: emergency stop, 3.3 V = run | normally closed contact to 3.3 V; open, or a broken wire, stops |
+//! | PA8 or PE9 | TIM1 CH1: amplifier enable, high = on | on a pin of the board; **external 10 kOhm to ground**: the pin floats in reset |
+//! | PA6 | TIM1 BKIN: emergency stop, 3.3 V = run | normally closed contact to 3.3 V; open, or a broken wire, stops |
 //! | TIM3, TIM4, TIM2 CH1 and CH2 | encoder 1, 2, 3 A and B | on pins of the board |
 //! | PA11, PA12 | USB D-, D+ | |
 //! | PC0 | ADC1 channel 10: the motors' supply, over a divider | where the console's `motor_supply` says that there is one |
@@ -15,8 +15,9 @@
 //!
 //! The amplifiers must take 10 to 90 % duty as minus to plus full scale and do nothing without enable: 0 %
 //! duty, which is what a stopped timer gives, is then a command out of range and not full current. When they are enabled and
-//! when pulses run is [`crate::drivers::amplifier`]'s. The break input takes pulses and enable together, with the core dead or
-//! the clock stopped: it needs neither (RM0090, 17.3.12).
+//! when pulses run is [`crate::drivers::amplifier`]'s. The break input takes enable, with the core dead or the clock stopped: it needs
+//! neither (RM0090, 17.3.12). Pulses are another timer's, which has no break: its interrupt sets them to no current. An amplifier whose
+//! enable takes up to 8 ms to act never sees them end.
 //!
 //! Clocks: the tick is TIM7's, and console time is the count of its ticks. SysTick, at an eighth of the core's clock, checks it.
 //! The core's cycle counter, which debuggers switch off when they leave, says what a tick costs and decides nothing.
@@ -34,7 +35,7 @@
 //! states the flash needs 2.7 V (RM0090, 3.5.1); brown-out level 3 resets the chip there, and the log says if it is not set.
 
 use super::logger::{self, LogClass};
-use super::wiring::{self, CONSOLE, Lamps, Ready, Sensors};
+use super::wiring::{self, CONSOLE, EnablePin, Lamps, Ready, Sensors};
 use super::{Boot, Event, fault};
 use crate::crash_record::{CrashRecord, Kind, reset_cause};
 use crate::drivers::amplifier::Amplifiers;
@@ -84,12 +85,12 @@ const TIMER: PulseTimer = match PulseTimer::new(CORE_HZ, CONSOLE.set_point.frequ
 /// Compare value of no current.
 const NO_CURRENT: u32 = CONSOLE.set_point.none(TIMER.period) as u32;
 
-/// TIM8 break and dead-time register: break input on, active low; outputs driven low while disabled. Lock level 2, until the
-/// next reset: nothing can change these bits, nor what the outputs' idle level and polarity are (RM0090, 17.4.18).
-const BREAK_DEAD_TIME: u32 = BREAK_INPUT | 1 << 11 | 1 << 10 | 0b10 << 8;
-/// ... its break input on.
+/// Break and dead-time register of either timer: outputs driven low while disabled. Lock level 2, until the next reset: nothing can
+/// change these bits, the break input's, nor what the outputs' idle level and polarity are (RM0090, 17.4.18).
+const BREAK_DEAD_TIME: u32 = 1 << 11 | 1 << 10 | 0b10 << 8;
+/// ... TIM1's alone: break input on, active low.
 const BREAK_INPUT: u32 = 1 << 12;
-/// ... its main output enable, which the break input takes away.
+/// ... main output enable, which the break input takes away.
 const MAIN_OUTPUT_ENABLE: u32 = 1 << 15;
 
 /// The interrupt of the link task.
@@ -104,10 +105,11 @@ impl TorqueRegisters for Registers {
         // torque off, except the amplifiers' driver in `Plant::write`, which runs at one priority and looks at the break input
         // after it. Before the clocks are on the writes are ignored by the chip.
         unsafe {
-            let timer = &*pac::TIM8::ptr();
             match register {
-                Register::EnableMode => timer.ccmr2_output().write(|w| w.bits(value)),
-                Register::Compare(motor) => timer.ccr(motor % MOTORS).write(|w| w.bits(value)),
+                Register::EnableMode => (*pac::TIM1::ptr()).ccmr1_output().write(|w| w.bits(value)),
+                Register::Compare(motor) => (*pac::TIM8::ptr())
+                    .ccr(motor % MOTORS)
+                    .write(|w| w.bits(value)),
             };
         }
     }
@@ -208,7 +210,7 @@ impl<A: Adc> Channel for Converter<A> {
     }
 }
 
-/// The amplifiers' enable line, which the timer drives.
+/// The amplifiers' enable line, which TIM1 drives.
 pub(super) struct EnableLine;
 
 impl digital::ErrorType for EnableLine {
@@ -227,19 +229,22 @@ impl OutputPin for EnableLine {
     }
 }
 
-/// All of the timer's outputs: low, or what their channels say.
+/// All outputs of both timers: low, or what their channels say.
 pub(super) struct Outputs;
 
 impl Outputs {
     fn write(&mut self, value: u32) -> Result<(), Infallible> {
-        let value = if stands("break_input") {
-            value
+        let guarded = if stands("break_input") {
+            value | BREAK_INPUT
         } else {
-            value & !BREAK_INPUT
+            value
         };
-        // SAFETY: a whole-word write of documented bits; nobody else writes this register. With the break input active the
-        // chip keeps the outputs off whatever is written (RM0090, 17.4.18, MOE).
-        unsafe { (*pac::TIM8::ptr()).bdtr().write(|w| w.bits(value)) };
+        // SAFETY: whole-word writes of documented bits; nobody else writes these registers. With the break input active the
+        // chip keeps TIM1's output off whatever is written (RM0090, 17.4.18, MOE).
+        unsafe {
+            (*pac::TIM1::ptr()).bdtr().write(|w| w.bits(guarded));
+            (*pac::TIM8::ptr()).bdtr().write(|w| w.bits(value));
+        }
         Ok(())
     }
 }
@@ -300,7 +305,7 @@ pub fn emergency_stop() {
     }
     // SAFETY: the control task, below this priority, is the only other user of this register.
     unsafe {
-        (*pac::TIM8::ptr())
+        (*pac::TIM1::ptr())
             .dier()
             .modify(|_, w| w.bie().bit(!stands("stop_once")))
     };
@@ -495,16 +500,20 @@ pub struct Ports {
     pub c: gpio::gpioc::Parts,
     /// Port D.
     pub d: gpio::gpiod::Parts,
+    /// Port E.
+    pub e: gpio::gpioe::Parts,
     /// Port G.
     pub g: gpio::gpiog::Parts,
 }
 
-/// What a board has taken of them. The first three are where the chip has them, and are set up here, when it is safe.
+/// What a board has taken of them. The first four are set up here, when it is safe.
 pub struct Wired {
     /// The emergency stop's line.
     pub stop: gpio::PA6<Input>,
-    /// Current commands of the motors, and the amplifiers' enable.
-    pub motors: (gpio::PC6, gpio::PC7, gpio::PC8, gpio::PC9),
+    /// Current commands of the motors.
+    pub motors: (gpio::PC6, gpio::PC7, gpio::PC8),
+    /// The amplifiers' enable, TIM1's first channel.
+    pub enable: EnablePin,
     /// D-, D+.
     pub usb: (gpio::PA11, gpio::PA12),
     /// Encoder timers of joint 1, 2, 3, which count.
@@ -584,17 +593,17 @@ impl crate::control_side::Plant for Plant {
         }
         // SAFETY: only the break interrupt shares these registers, and only its enable bit. Where it comes
         // in between, the bit is set once more and the interrupt, above this priority, clears it again.
-        let pwm = unsafe { &*pac::TIM8::ptr() };
+        let switch = unsafe { &*pac::TIM1::ptr() };
         let stop = StopLine {
             open: stopped(),
-            tripped: pwm.sr().read().bif().bit_is_set(),
+            tripped: switch.sr().read().bif().bit_is_set(),
         };
         if stop.clears_flag() {
             // Cleared by writing 0; the other flags are not used. An opening from here on sets it again.
-            pwm.sr().write(|w| w.bif().clear_bit());
+            switch.sr().write(|w| w.bif().clear_bit());
         }
         if !stop.open && stands("stop_again") {
-            pwm.dier().write(|w| w.bie().set_bit());
+            switch.dier().write(|w| w.bie().set_bit());
         }
         // A dip that comes between the two is seen by the next tick.
         let supply_low = SUPPLY_DIPPED.load(Ordering::Relaxed) || supply_is_low();
@@ -842,7 +851,7 @@ pub fn start(
     // Priorities are the framework's.
     if !stands("stop_priority") {
         // SAFETY: no task runs yet; only an image that shows that a test notices comes here.
-        unsafe { core.NVIC.set_priority(Interrupt::TIM8_BRK_TIM12, 0xF0) };
+        unsafe { core.NVIC.set_priority(Interrupt::TIM1_BRK_TIM9, 0xF0) };
     }
     if !stands("supply_priority") {
         // SAFETY: as above.
@@ -898,16 +907,21 @@ pub fn start(
         b: device.GPIOB.split(&mut rcc),
         c: device.GPIOC.split(&mut rcc),
         d: device.GPIOD.split(&mut rcc),
+        e: device.GPIOE.split(&mut rcc),
         g: device.GPIOG.split(&mut rcc),
     };
     let timers = (device.TIM3, device.TIM4, device.TIM2);
     let wired = wiring::wire(ports, timers, device.SPI3, &mut rcc);
     let _stop = wired
         .stop
-        .into_alternate::<3>()
+        .into_alternate::<1>()
         .internal_resistor(Pull::Down);
 
-    // Motor outputs: PWM mode 1, preloaded; channel 4 is a level. All off before a pin is connected.
+    // Enable: a level, off before the pin is connected. Its timer does not count.
+    pac::TIM1::enable(&mut rcc);
+    pac::TIM1::reset(&mut rcc);
+    let switch = device.TIM1;
+    // Motor outputs: PWM mode 1, preloaded. All off before a pin is connected.
     pac::TIM8::enable(&mut rcc);
     pac::TIM8::reset(&mut rcc);
     let pwm = device.TIM8;
@@ -924,11 +938,12 @@ pub fn start(
             .oc2pe()
             .enabled()
     });
+    pwm.ccmr2_output()
+        .write(|w| w.oc3m().pwm_mode1().oc3pe().enabled());
     safe_state();
-    pwm.ccer().write(|w| {
-        let motors = w.cc1e().set_bit().cc2e().set_bit().cc3e().set_bit();
-        motors.cc4e().set_bit()
-    });
+    switch.ccer().write(|w| w.cc1e().set_bit());
+    pwm.ccer()
+        .write(|w| w.cc1e().set_bit().cc2e().set_bit().cc3e().set_bit());
     let mut amplifiers = Amplifiers::new(
         [Pulses(0), Pulses(1), Pulses(2)],
         Outputs,
@@ -940,13 +955,13 @@ pub fn start(
         safe_state();
     }
     pwm.egr().write(|w| w.ug().set_bit());
-    let (motor_1, motor_2, motor_3, enable) = wired.motors;
+    let (motor_1, motor_2, motor_3) = wired.motors;
     let _pwm_pins = (
         motor_1.into_alternate::<3>(),
         motor_2.into_alternate::<3>(),
         motor_3.into_alternate::<3>(),
-        enable.into_alternate::<3>(),
     );
+    let _enable_pin = wired.enable.into_alternate::<1>();
 
     // Encoders, with an input filter of 8 samples at 84 MHz, which swallows spikes up to 95 ns.
     let (encoder_1, encoder_2, encoder_3) = wired.encoders;
@@ -1033,7 +1048,7 @@ pub fn start(
     };
 
     // Setting up may have tripped the stop's flag; with an open line it comes back by itself.
-    pwm.sr().write(|w| w.bif().clear_bit());
+    switch.sr().write(|w| w.bif().clear_bit());
 
     // The tick: 1 MHz / 1000.
     pac::TIM7::enable(&mut rcc);

@@ -43,6 +43,14 @@ impl Board {
         }
     }
 
+    /// Levels of the port that has the amplifiers' enable line: PA8, PE9.
+    pub(super) fn enable_port(self) -> u32 {
+        match self.model {
+            Model::Stm32F405 => 0x4002_0010,
+            Model::Stm32F446 => 0x4002_1010,
+        }
+    }
+
     /// Whether there is a random generator.
     pub fn draws(self) -> bool {
         self.model == Model::Stm32F405

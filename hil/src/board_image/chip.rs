@@ -21,19 +21,25 @@ pub const WWDG_CR: u32 = 0x4000_2C00;
 pub const WWDG_WARNS: (u32, u32) = (0x4000_2C04, 1 << 9);
 const IWDG_KR: u32 = 0x4000_3000;
 const PWR_CSR: u32 = 0x4000_7004;
+/// First control register of the timer that has enable.
+const TIM1: u32 = 0x4001_0000;
+const TIM1_DIER: u32 = 0x4001_000C;
+const TIM1_SR: u32 = 0x4001_0010;
+const TIM1_CCMR1: u32 = 0x4001_0018;
+const TIM1_CCER: u32 = 0x4001_0020;
+const TIM1_BDTR: u32 = 0x4001_0044;
 /// First control register of the pulses' timer.
 pub const TIM8: u32 = 0x4001_0400;
-const TIM8_DIER: u32 = 0x4001_040C;
-const TIM8_SR: u32 = 0x4001_0410;
-const TIM8_CCMR2: u32 = 0x4001_041C;
 const TIM8_CCER: u32 = 0x4001_0420;
 const TIM8_CCR1: u32 = 0x4001_0434;
 const TIM8_BDTR: u32 = 0x4001_0444;
 const GPIOA_IDR: u32 = 0x4002_0010;
+/// Alternate functions of pins 0 to 7 of port A.
+const GPIOA_AFRL: u32 = 0x4002_0020;
 /// Levels of port B: the ready line.
 pub const GPIOB_IDR: u32 = 0x4002_0410;
-const GPIOC_IDR: u32 = 0x4002_0810;
 const GPIOC_BSRR: u32 = 0x4002_0818;
+const GPIOE_IDR: u32 = 0x4002_1010;
 const RCC_CR: u32 = 0x4002_3800;
 const RCC_PLLCFGR: u32 = 0x4002_3804;
 const RCC_CFGR: u32 = 0x4002_3808;
@@ -61,7 +67,7 @@ pub const PVD: u8 = 1;
 /// of the line that telemetry runs on,
 pub const EXTI0: u8 = 6;
 /// of the break input,
-const TIM8_BREAK: u8 = 43;
+const TIM1_BREAK: u8 = 24;
 /// of the tick timer,
 pub const TIM7: u8 = 55;
 /// of the USB core.
@@ -135,14 +141,14 @@ pub struct Lines {
     pub cycle_counter: CycleCounter,
     /// Every tick ends after the next one was due.
     pub ticks_late: bool,
-    /// The self-test's jumpers are in: PC6 to A and PC7 to B of all encoders, PC8 to the stop's line, PC9 to ready.
+    /// The self-test's jumpers are in: PC6 to A and PC7 to B of all encoders, PC8 to the stop's line, enable to ready.
     pub jumpers: bool,
 }
 
 /// What the chip puts out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Outputs {
-    /// Amplifier enable, PC9.
+    /// Amplifier enable: PA8 of the H405, PE9 of the NUCLEO.
     pub enable: bool,
     /// The pulses run, PC6 to PC8.
     pub pulses: bool,
@@ -194,7 +200,7 @@ pub struct Chip {
     stored: BTreeMap<u32, u32>,
     systick: u32,
     stop_open: bool,
-    /// TIM8's break flag.
+    /// TIM1's break flag.
     tripped: bool,
     /// TIM7's update flag.
     tick_due: bool,
@@ -296,12 +302,11 @@ impl Chip {
                 let options = self.stored(address) & !(0b11 << 2) | self.brown_out << 2;
                 options & !bit(self.watchdog_by_option, 5)
             }
-            TIM8_SR => bit(self.tripped, 7),
-            TIM8_BDTR if self.stop_open => self.stored(address) & !(1 << 15),
-            GPIOA_IDR => bit(!self.stop_open, 6),
+            TIM1_SR => bit(self.tripped, 7),
+            GPIOA_IDR => bit(!self.stop_open, 6) | bit(self.shows_enable(address), 8),
             GPIOB_IDR if self.lines.jumpers => bit(self.outputs().enable, 9),
             GPIOB_IDR => bit(self.lines.ready, 9),
-            GPIOC_IDR if self.lines.jumpers => bit(self.outputs().enable, 9),
+            GPIOE_IDR => bit(self.shows_enable(address), 9),
             RCC_CR => self.oscillators(),
             // The switch obeys at once; a PLL that has lost its crystal gives way to the internal oscillator (RM0090, 7.2.7).
             RCC_CFGR => {
@@ -356,7 +361,9 @@ impl Chip {
             }
             TIM7_SR => self.tick_due = self.lines.ticks_late,
             // Cleared by writing 0; an open line sets it again.
-            TIM8_SR => self.tripped &= value & 1 << 7 != 0 || self.stop_open,
+            TIM1_SR => {
+                self.tripped &= value & 1 << 7 != 0 || self.breaks(self.stored(TIM1_BDTR));
+            }
             IWDG_KR => match value {
                 0xAAAA => self.feeds.independent += 1,
                 0xCCCC => self.watchdog_runs = true,
@@ -372,14 +379,16 @@ impl Chip {
                 self.stored.insert(RCC_CSR, 0);
                 return;
             }
-            TIM8_BDTR if self.stop_open => {
+            TIM1_BDTR if self.breaks(value) => {
+                self.tripped = true;
                 self.stored.insert(address, value & !(1 << 15));
+                self.show();
                 return;
             }
             _ => {}
         }
         self.stored.insert(address, value);
-        if address & !0xFF == TIM8 & !0xFF {
+        if [TIM1, TIM8].contains(&(address & !0xFF)) {
             self.show();
         }
     }
@@ -400,11 +409,13 @@ impl Chip {
             watched.extend([
                 (TIM7_CR1, 0x30),
                 (PWR_CSR - 4, 8),
+                (TIM1, 0x50),
                 (TIM8, 0x50),
                 (0x4002_0000, 0x28),
                 (0x4002_0400, 0x28),
                 (0x4002_0800, 0x28),
                 (0x4002_0C00, 0x28),
+                (0x4002_1000, 0x28),
                 (0x4002_1800, 0x28),
                 (RCC_CR, 0x98),
                 (FLASH_OPTCR - 0x14, 0x18),
@@ -441,25 +452,23 @@ impl Chip {
 
     /// What the outputs are.
     pub fn outputs(&self) -> Outputs {
-        let control = self.stored(TIM8_BDTR);
-        let on = control & 1 << 15 != 0;
-        let channels = self.stored(TIM8_CCER);
-        let enabled = channels & 1 << 12 != 0;
+        let is_on = |control| self.stored(control) & 1 << 15 != 0;
         Outputs {
-            // Forced active (OC4M = 101), and not turned round (CC4P).
-            enable: on
-                && enabled
-                && channels & 1 << 13 == 0
-                && self.stored(TIM8_CCMR2) >> 12 & 7 == 0b101,
-            pulses: on && channels & 0x111 == 0x111,
+            // Its channel on and not turned round (CC1E, CC1P), and forced active (OC1M = 101).
+            enable: is_on(TIM1_BDTR)
+                && self.stored(TIM1_CCER) & 0b11 == 0b01
+                && self.stored(TIM1_CCMR1) >> 4 & 7 == 0b101,
+            pulses: is_on(TIM8_BDTR) && self.stored(TIM8_CCER) & 0x111 == 0x111,
             duty: [0, 4, 8].map(|at| self.stored(TIM8_CCR1 + at)),
         }
     }
 
-    /// The emergency stop's line opens. The timer takes its outputs away, whatever the program does (RM0090, 17.3.12).
+    /// The emergency stop's line opens. TIM1 takes its output away, whatever the program does (RM0090, 17.3.12).
     pub fn open_stop(&mut self) {
         self.stop_open = true;
-        self.trip();
+        if self.breaks(self.stored(TIM1_BDTR)) {
+            self.trip();
+        }
     }
 
     /// The emergency stop's line is closed again. Outputs come back when the program says so.
@@ -471,7 +480,7 @@ impl Chip {
     pub fn lose_crystal(&mut self) -> bool {
         self.lines.crystal = false;
         let guarded = self.stored(RCC_CR) & 1 << 19 != 0;
-        if guarded {
+        if guarded && has_break(self.stored(TIM1_BDTR)) {
             self.trip();
         }
         guarded
@@ -485,8 +494,8 @@ impl Chip {
 
     /// Interrupts that the chip asks for now, by level.
     pub fn interrupts(&self) -> impl Iterator<Item = u8> {
-        let stop = self.tripped && self.stored(TIM8_DIER) & 1 << 7 != 0;
-        let lines = [(stop, TIM8_BREAK), (self.usb.interrupts_now(), OTG_FS)];
+        let stop = self.tripped && self.stored(TIM1_DIER) & 1 << 7 != 0;
+        let lines = [(stop, TIM1_BREAK), (self.usb.interrupts_now(), OTG_FS)];
         lines
             .into_iter()
             .filter_map(|(asks, number)| asks.then_some(number))
@@ -500,7 +509,7 @@ impl Chip {
     /// Registers that change by themselves once the image has started, USB apart.
     fn alive(&self) -> [u32; 7] {
         [
-            GPIOA_IDR, GPIOB_IDR, GPIOC_IDR, PWR_CSR, TIM8_SR, TIM7_SR, RCC_CFGR,
+            GPIOA_IDR, GPIOB_IDR, GPIOE_IDR, PWR_CSR, TIM1_SR, TIM7_SR, RCC_CFGR,
         ]
     }
 
@@ -525,13 +534,21 @@ impl Chip {
         }
     }
 
+    /// Whether enable is to be read at this port: where the self-test's jumpers are, on the board's own pin.
+    fn shows_enable(&self, port: u32) -> bool {
+        self.lines.jumpers && self.board.enable_port() == port && self.outputs().enable
+    }
+
+    /// Whether TIM1 with this break and dead-time register is held by the stop's line, which comes in by PA6's alternate function 1.
+    fn breaks(&self, control: u32) -> bool {
+        self.stop_open && has_break(control) && self.stored(GPIOA_AFRL) >> 24 & 0xF == 1
+    }
+
+    /// TIM1's break.
     fn trip(&mut self) {
-        let control = self.stored(TIM8_BDTR);
-        // Break enabled (BKE), active low (BKP).
-        if control & 1 << 12 != 0 && control & 1 << 13 == 0 {
-            self.tripped = true;
-            self.stored.insert(TIM8_BDTR, control & !(1 << 15));
-        }
+        self.tripped = true;
+        let control = self.stored(TIM1_BDTR);
+        self.stored.insert(TIM1_BDTR, control & !(1 << 15));
         self.show();
     }
 
@@ -554,6 +571,11 @@ impl Chip {
             | bit(value & PLL_ON != 0 && (crystal || from_internal), 25)
             | 1 << 1
     }
+}
+
+/// Break enabled (BKE), active low (BKP).
+fn has_break(control: u32) -> bool {
+    control & 0b11 << 12 == 1 << 12
 }
 
 #[cfg(test)]

@@ -8,18 +8,20 @@ use std::io::{self, Read};
 use std::path::PathBuf;
 
 /// Blocks by the names that QEMU gives them (hw/arm/stm32f405_soc.c).
-const BLOCKS: [(&str, u32); 15] = [
+const BLOCKS: [(&str, u32); 17] = [
     ("timer[7]", 0x4000_1400),
     ("WWDG", 0x4000_2C00),
     ("IWDG", 0x4000_3000),
     // At the same place, and before it.
     ("I2S2ext", 0x4000_3000),
     ("PWR", 0x4000_7000),
+    ("timer[1]", 0x4001_0000),
     ("timer[8]", 0x4001_0400),
     ("GPIOA", 0x4002_0000),
     ("GPIOB", 0x4002_0400),
     ("GPIOC", 0x4002_0800),
     ("GPIOD", 0x4002_0C00),
+    ("GPIOE", 0x4002_1000),
     ("GPIOG", 0x4002_1800),
     ("RCC", 0x4002_3800),
     ("Flash Int", 0x4002_3C00),

@@ -4,8 +4,8 @@ use super::{Bench, DARK, NO_CURRENT, On};
 use sutura_shared::wire::faults;
 use sutura_shared::wire::message::{Command, Mode};
 
-/// TIM8's interrupt enable register, and the break's bit.
-const TIM8_DIER: u32 = 0x4001_040C;
+/// TIM1's interrupt enable register, and the break's bit.
+const TIM1_DIER: u32 = 0x4001_000C;
 const BREAK: u32 = 1 << 7;
 
 /// The next tick is in fault, with these faults and no torque; and stays off until somebody clears it.
@@ -34,30 +34,34 @@ pub(super) fn recover(bench: &mut Bench) {
     bench.arm();
 }
 
-on_each_board!(the_emergency_stop_cuts_pulses_and_enable_and_is_a_fault);
-pub(super) fn the_emergency_stop_cuts_pulses_and_enable_and_is_a_fault(on: On) {
+on_each_board!(the_emergency_stop_cuts_enable_at_once_and_is_a_fault);
+pub(super) fn the_emergency_stop_cuts_enable_at_once_and_is_a_fault(on: On) {
     let mut bench = Bench::start(on);
     bench.push();
     bench.changes();
     bench.board.chip().open_stop();
-    // By the timer alone, with the program not having run.
+    // By the timer alone, with the program not having run: pulses keep their current until it does.
     let cut = bench.outputs();
     assert!(
-        !cut.enable && !cut.pulses && cut.duty[2] != NO_CURRENT,
+        !cut.enable && cut.pulses && cut.duty[2] != NO_CURRENT,
         "{cut:?}"
     );
     assert_eq!(bench.changes(), [cut]);
-    // The interrupt: no current, no enable, and no further interrupt while the line is open.
+    // The interrupt: no current, in pulses that go on, and no further interrupt while the line is open.
     bench.board.serve().unwrap();
-    assert_eq!(bench.outputs(), DARK);
-    assert_eq!(bench.board.chip().stored(TIM8_DIER) & BREAK, 0);
+    let off = bench.outputs();
+    assert!(
+        !off.enable && off.pulses && off.duty == [NO_CURRENT; 3],
+        "{off:?}"
+    );
+    assert_eq!(bench.board.chip().stored(TIM1_DIER) & BREAK, 0);
     fault(&mut bench, faults::E_STOP);
     // Cleared while it is open: it comes back.
     bench.say(&Command::ClearFault);
     assert_eq!(bench.tick().faults, faults::E_STOP);
     bench.board.chip().close_stop();
     bench.tick();
-    assert_eq!(bench.board.chip().stored(TIM8_DIER) & BREAK, BREAK);
+    assert_eq!(bench.board.chip().stored(TIM1_DIER) & BREAK, BREAK);
     recover(&mut bench);
     bench.say_speed("emergency stop, held");
 }
@@ -196,7 +200,7 @@ pub(super) fn a_stop_in_the_middle_of_a_tick_lets_no_current_of_that_tick_out(on
     bench.board.go_on().unwrap();
     // The interrupt has not come yet.
     let off = bench.outputs();
-    assert!(!off.enable && !off.pulses, "{off:?}");
+    assert!(!off.enable && off.pulses, "{off:?}");
     assert_eq!(off.duty, [NO_CURRENT; 3]);
     bench.board.serve().unwrap();
     fault(&mut bench, faults::E_STOP);

@@ -58,10 +58,10 @@ pub(super) fn the_image_boots_enumerates_and_answers_with_its_names(on: On) {
     assert_eq!(chip.outputs(), DARK);
     assert!(chip.watchdog_runs && chip.feeds.independent > 0);
     assert!(chip.window_runs && chip.feeds.window > 0);
-    // PC6 to PC9 are the timer's: alternate function 3.
-    assert_eq!(chip.stored(GPIOC_MODER) >> 12 & 0xFF, 0b1010_1010);
+    // PC6 to PC8 are the timer's: alternate function 3.
+    assert_eq!(chip.stored(GPIOC_MODER) >> 12 & 0x3F, 0b10_1010);
     assert_eq!(chip.stored(GPIOC_AFRL) >> 24, 0x33);
-    assert_eq!(chip.stored(GPIOC_AFRH) & 0xFF, 0x33);
+    assert_eq!(chip.stored(GPIOC_AFRH) & 0xF, 0x3);
 
     let said = board.enumerate().unwrap_or_else(|error| panic!("{error}"));
     // Of several functions, each with its interfaces.

@@ -52,7 +52,7 @@ macro_rules! checks {
 
 checks! {
     OLIMEX_H405 {
-        guards::the_emergency_stop_cuts_pulses_and_enable_and_is_a_fault:
+        guards::the_emergency_stop_cuts_enable_at_once_and_is_a_fault:
             break_input emergency_stop stop_at_once stop_once stop_again faults_stay;
         guards::a_stop_shorter_than_a_tick_is_a_fault_as_well: stop_flag;
         guards::a_stop_in_the_middle_of_a_tick_lets_no_current_of_that_tick_out: stop_within_tick;

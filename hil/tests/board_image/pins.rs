@@ -4,11 +4,12 @@ use super::{Board, On};
 use sutura_hil::board_image::{Chip, TIM7_CR1, TIM8};
 
 /// Ports that an image sets up, and where their registers begin.
-const PORTS: [(char, u32); 5] = [
+const PORTS: [(char, u32); 6] = [
     ('A', 0x4002_0000),
     ('B', 0x4002_0400),
     ('C', 0x4002_0800),
     ('D', 0x4002_0C00),
+    ('E', 0x4002_1000),
     ('G', 0x4002_1800),
 ];
 /// Registers of a port (RM0090, 8.4): mode, pull resistors, alternate functions of pins 0 to 7 and of the others.
@@ -18,6 +19,8 @@ const AFR: [u32; 2] = [0x20, 0x24];
 const PWR_CR: u32 = 0x4000_7000;
 const TIM8_PSC: u32 = 0x4001_0428;
 const TIM8_ARR: u32 = 0x4001_042C;
+/// Break and dead-time register of the timer that has enable.
+const TIM1_BDTR: u32 = 0x4001_0044;
 const TIM8_BDTR: u32 = 0x4001_0444;
 
 /// A pin's mode.
@@ -44,8 +47,7 @@ fn used(board: Board) -> Vec<(&'static str, Pin)> {
         ("C6", Timer(3)),
         ("C7", Timer(3)),
         ("C8", Timer(3)),
-        ("C9", Timer(3)),
-        ("A6", TimerDown(3)),
+        ("A6", TimerDown(1)),
         ("B9", Down),
         ("A11", Timer(10)),
         ("A12", Timer(10)),
@@ -60,6 +62,7 @@ fn used(board: Board) -> Vec<(&'static str, Pin)> {
             ("B7", Timer(2)),
             ("A15", Timer(1)),
             ("B3", Timer(1)),
+            ("A8", Timer(1)),
             ("C12", Out),
         ],
         Board::NUCLEO_F446ZE => vec![
@@ -69,6 +72,7 @@ fn used(board: Board) -> Vec<(&'static str, Pin)> {
             ("D13", Timer(2)),
             ("A15", Timer(1)),
             ("A1", Timer(1)),
+            ("E9", Timer(1)),
             ("B0", Out),
             ("B7", Out),
             ("B14", Out),
@@ -114,18 +118,20 @@ pub(super) fn pins_are_what_the_boards_table_has_and_encoders_meet_no_resistor(o
     }
 }
 
-on_each_board!(the_break_input_is_on_active_low_and_locked);
+on_each_board!(the_break_input_is_on_active_low_and_locked_for_enable_and_off_for_pulses);
 /// With outputs that are driven low while they are off, and lock level 2 (RM0090, 17.4.18).
-fn the_break_input_is_on_active_low_and_locked(on: On) {
+fn the_break_input_is_on_active_low_and_locked_for_enable_and_off_for_pulses(on: On) {
     let mut board = on.start();
-    let control = board.chip().stored(TIM8_BDTR);
-    let [off_states, lock, enabled, active_high, automatic] =
-        [0b11 << 10, 0b11 << 8, 1 << 12, 1 << 13, 1 << 14].map(|bits| control & bits);
-    assert_eq!(
-        (off_states, lock, enabled, active_high, automatic),
-        (0b11 << 10, 0b10 << 8, 1 << 12, 0, 0),
-        "{control:#x}"
-    );
+    for (register, has_break) in [(TIM1_BDTR, 1 << 12), (TIM8_BDTR, 0)] {
+        let control = board.chip().stored(register);
+        let [off_states, lock, enabled, active_high, automatic] =
+            [0b11 << 10, 0b11 << 8, 1 << 12, 1 << 13, 1 << 14].map(|bits| control & bits);
+        assert_eq!(
+            (off_states, lock, enabled, active_high, automatic),
+            (0b11 << 10, 0b10 << 8, has_break, 0, 0),
+            "{register:#x}: {control:#x}"
+        );
+    }
 }
 
 on_each_board!(pulses_come_as_often_as_the_amplifier_takes_them);
@@ -147,8 +153,8 @@ fn a_tick_comes_at_the_same_place_of_a_pulse_in_every_boot(on: On) {
 on_each_board!(no_interrupt_is_let_in_but_those_of_the_boards_own_tasks);
 /// The framework lets in those of all boards, the emulator's serial port among them, whose pins lie open here.
 fn no_interrupt_is_let_in_but_those_of_the_boards_own_tasks(on: On) {
-    // RM0090, 12.1.3: window watchdog, supply, telemetry's, TIM8's break, TIM7, USB.
-    const OWN: [u8; 6] = [0, 1, 6, 43, 55, 67];
+    // RM0090, 12.1.3: window watchdog, supply, telemetry's, TIM1's break, TIM7, USB.
+    const OWN: [u8; 6] = [0, 1, 6, 24, 55, 67];
     let mut board = on.start();
     let let_in: Vec<u8> = (0..96)
         .filter(|number| board.is_unmasked(*number).unwrap())

@@ -157,8 +157,8 @@ pub(super) fn every_rate_time_out_filter_and_priority_is_what_the_book_says(on: 
         let word = board.register(NVIC_IPR + number / 4 * 4).unwrap();
         field(word, 8 * (number % 4), 8) >> 4
     };
-    // RM0090, 12.1.3: window watchdog, supply, TIM8's break; TIM7; USB; telemetry's.
-    let most = [0, 1, 43].map(|number| priority(board, number));
+    // RM0090, 12.1.3: window watchdog, supply, TIM1's break; TIM7; USB; telemetry's.
+    let most = [0, 1, 24].map(|number| priority(board, number));
     let [tick, link, telemetry] = [55, 67, 6].map(|number| priority(board, number));
     assert!(most.iter().all(|each| *each == most[0]), "{most:?}");
     assert!(

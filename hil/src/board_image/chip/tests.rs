@@ -6,13 +6,17 @@ use super::*;
 fn armed() -> Chip {
     let mut chip = Chip::new(Board::OLIMEX_H405);
     for (address, value) in [
-        (TIM8_CCER, 0x1111),
+        // PA6 is TIM1's (AF1).
+        (GPIOA_AFRL, 1 << 24),
+        (TIM1_CCER, 1),
+        (TIM8_CCER, 0x111),
         (TIM8_CCR1, 21_000),
         (TIM8_CCR1 + 4, 21_000),
         (TIM8_CCR1 + 8, 21_000),
-        (TIM8_BDTR, 0x9E00),
-        (TIM8_CCMR2, 0x5068),
-        (TIM8_DIER, 0x80),
+        (TIM8_BDTR, 0x8E00),
+        (TIM1_BDTR, 0x9E00),
+        (TIM1_CCMR1, 0x50),
+        (TIM1_DIER, 0x80),
     ] {
         chip.write(address, value);
     }
@@ -20,7 +24,7 @@ fn armed() -> Chip {
 }
 
 #[test]
-fn the_break_takes_pulses_and_enable_and_gives_them_back_to_nobody_while_it_stands() {
+fn the_break_takes_enable_alone_and_gives_it_back_to_nobody_while_it_stands() {
     let mut chip = armed();
     let on = Outputs {
         enable: true,
@@ -29,27 +33,30 @@ fn the_break_takes_pulses_and_enable_and_gives_them_back_to_nobody_while_it_stan
     };
     assert_eq!(chip.outputs(), on);
     chip.open_stop();
-    assert!(!chip.outputs().enable && !chip.outputs().pulses);
-    assert!(chip.interrupts().eq([TIM8_BREAK]));
-    // Neither the outputs nor the flag obey while the line is open.
-    chip.write(TIM8_BDTR, 0x9E00);
-    chip.write(TIM8_SR, 0);
-    assert!(!chip.outputs().pulses);
-    assert_eq!(chip.peek(TIM8_SR), 0x80);
+    assert!(!chip.outputs().enable && chip.outputs().pulses);
+    assert!(chip.interrupts().eq([TIM1_BREAK]));
+    // Neither the output nor the flag obeys while the line is open.
+    chip.write(TIM1_BDTR, 0x9E00);
+    chip.write(TIM1_SR, 0);
+    assert!(!chip.outputs().enable);
+    assert_eq!(chip.peek(TIM1_SR), 0x80);
     chip.close_stop();
-    assert!(!chip.outputs().pulses, "by itself");
-    chip.write(TIM8_SR, 0);
-    assert_eq!(chip.peek(TIM8_SR), 0);
-    chip.write(TIM8_BDTR, 0x9E00);
+    assert!(!chip.outputs().enable, "by itself");
+    chip.write(TIM1_SR, 0);
+    assert_eq!(chip.peek(TIM1_SR), 0);
+    chip.write(TIM1_BDTR, 0x9E00);
     assert_eq!(chip.outputs(), on);
 }
 
 #[test]
 fn without_the_break_input_nothing_trips() {
-    let mut chip = armed();
-    chip.write(TIM8_BDTR, 0x8E00);
-    chip.open_stop();
-    assert!(chip.outputs().pulses);
+    // Off, or another timer's.
+    for (address, value) in [(TIM1_BDTR, 0x8E00), (GPIOA_AFRL, 3 << 24)] {
+        let mut chip = armed();
+        chip.write(address, value);
+        chip.open_stop();
+        assert!(chip.outputs().enable);
+    }
 }
 
 #[test]
@@ -101,7 +108,7 @@ fn every_change_of_the_outputs_is_kept_in_order() {
     let orders: Vec<_> = chip.changes.iter().map(|o| (o.pulses, o.enable)).collect();
     assert_eq!(orders[orders.len() - 2..], [(true, false), (true, true)]);
     chip.changes.clear();
-    chip.write(TIM8_CCMR2, 0x4068);
-    chip.write(TIM8_CCMR2, 0x4068);
+    chip.write(TIM1_CCMR1, 0x40);
+    chip.write(TIM1_CCMR1, 0x40);
     assert_eq!(chip.changes.len(), 1);
 }
