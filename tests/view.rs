@@ -831,6 +831,40 @@ fn a_safe_stop_and_arming_count_in_their_order() {
     assert_eq!(running.stop().0, 0);
 }
 
+/// A drag that comes right after a safe stop is refused, whatever the console's last state was: armed again, the grip stays.
+#[test]
+fn a_drag_behind_a_safe_stop_is_refused() {
+    for command in ["view", "run"] {
+        let mut arguments = vec![command, "scenes/palpation.toml", "--view-port", "0"];
+        if command == "run" {
+            arguments.extend(["--view", "--seconds", "3600"]);
+        }
+        let running = Running::start(&arguments);
+        let mut client = running.client();
+        client.event("armed");
+        client.does(json!({"do": "drag", "to_m": [0.0, 0.0, 0.03]}));
+        client.say(&json!({"id": 1000, "do": "safe_stop"}));
+        client.say(&json!({"id": 1001, "do": "drag", "to_m": [0.03, 0.02, 0.02]}));
+        let answer = client.text(|value| value["re"] == 1001);
+        assert!(answer["error"].is_object(), "{command}: {answer}");
+        client.event("disarmed");
+        client.does(json!({"do": "arm"}));
+        client.event("armed");
+        let gauges = client.text(|value| value["kind"] == "gauges");
+        let end = gauges["tick"].as_u64().unwrap() + 500;
+        client.text(|value| value["kind"] == "gauges" && value["tick"].as_u64() > Some(end));
+        let at = client.until(|message| match message {
+            Message::Binary(bytes) if bytes[0] == 2 => Some(grip(bytes)),
+            _ => None,
+        });
+        assert!(
+            at[0].abs() < 3e-3 && at[1].abs() < 3e-3,
+            "{command}: {at:?}"
+        );
+        running.stop();
+    }
+}
+
 /// A safe stop while another session is made, for whatever reason, holds that one, too: it begins at rest, says who stopped it,
 /// and is armed by nobody but a person.
 #[test]

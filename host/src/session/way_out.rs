@@ -2,12 +2,14 @@
 //!
 //! Entry point: [`WayOut::from`]. Allocates: for people at a page, not for the loop.
 
+use crate::collide::closest;
 use crate::contact::shape::Solid;
 use crate::mesh::Surface;
 use crate::scene::{Pose, Scene};
 use crate::script::at_rest;
 use crate::tool::Tool;
 use nalgebra::Vector3;
+use std::collections::BTreeSet;
 
 /// Clearance beyond the first place that is free, over the tool's radius: tissue that moves does not touch it at once.
 const CLEARANCE: f64 = 0.2;
@@ -18,6 +20,9 @@ const STEP: f64 = 0.1;
 /// Depth of a point below the boundary that counts as in the tissue, over the mean edge.
 const BELOW: f64 = 0.01;
 
+/// Difference of distances that counts as none, over the mean edge.
+const AS_NEAR: f64 = 1e-6;
+
 /// The tissue at rest, and the tool that the console's grip carries.
 #[derive(Clone, Debug)]
 pub struct WayOut {
@@ -27,6 +32,8 @@ pub struct WayOut {
     /// Nodes that are held, ascending.
     held: Vec<u32>,
     tool: Tool,
+    /// Tools that stand still.
+    others: Vec<Solid>,
 }
 
 impl WayOut {
@@ -36,21 +43,31 @@ impl WayOut {
         if tool.is_grip() || points_m.len() != scene.mesh.points_m().len() {
             return None;
         }
+        let surface = scene.mesh.surface();
+        let stand_still = scene.tools.iter().filter(|other| {
+            let stays = !other.driven && other.way.is_none();
+            stays && !other.shape.is_grip()
+        });
+        let others = stand_still.filter_map(|other| {
+            let placement = other.shape.place(&at_rest(other.id, &other.pose?))?;
+            Some(Solid::new(&other.shape, surface.mean_edge_m, &placement))
+        });
         Some(Self {
-            surface: scene.mesh.surface(),
+            others: others.collect(),
             points_m: points_m.to_vec(),
             held: scene.fixed.clone(),
             tool,
+            surface,
         })
     }
 
-    /// Displacement of the grip \[m\] after which its tool is clear of the tissue at rest, along the normal of a vertex that is not held:
-    /// the shortest one that leads out through no held face, which is a wall. Zero for a tool that is clear already and has not
+    /// Displacement of the grip \[m\] after which its tool is clear of the tissue at rest and of tools that stand still, along the normal of
+    /// a vertex that is not held: the shortest one that leads out through no held face, which is a wall. Zero for a tool that is clear already and has not
     /// `slipped` in; `None` for no pose, or where no way is found.
     pub fn from(&self, grip: &Pose, slipped: bool) -> Option<[f64; 3]> {
         let placement = self.tool.place(&at_rest(0, grip))?;
         let solid = Solid::new(&self.tool, self.surface.mean_edge_m, &placement);
-        if !slipped && self.is_clear(&solid) {
+        if !slipped && self.is_clear(&solid) && !self.meets_another(&solid) {
             return Some([0.0; 3]);
         }
         let begins = self.in_tissue(&solid.middle())?;
@@ -63,7 +80,7 @@ impl WayOut {
                 continue;
             };
             let end = solid.middle() + normal * way_m;
-            if self.leads_through_held(&begins, &end) || self.is_beyond_held(&solid, &end) {
+            if self.leads_through_held(&begins, &end) || self.is_beyond_held(&end) {
                 continue;
             }
             if shortest.is_none_or(|(before_m, _)| way_m < before_m) {
@@ -116,7 +133,7 @@ impl WayOut {
             })
             .collect();
         ways.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut seen = std::collections::BTreeSet::new();
+        let mut seen = BTreeSet::new();
         // To a few degrees.
         ways.retain(|(_, normal)| {
             seen.insert(<[f64; 3]>::from(*normal).map(|x| (16.0 * x).round() as i8))
@@ -129,7 +146,17 @@ impl WayOut {
         let step_m = STEP * solid.radius();
         let most = 2.0 * solid.bound() / step_m;
         let mut ways = (0..=most.ceil() as u32).map(|step| least_m + f64::from(step) * step_m);
-        ways.find(|way_m| self.is_clear(&solid.moved(&(along * *way_m))))
+        ways.find(|way_m| {
+            let there = solid.moved(&(along * *way_m));
+            self.is_clear(&there) && !self.meets_another(&there)
+        })
+    }
+
+    /// Whether a tool overlaps another one, by the points well inside it.
+    fn meets_another(&self, solid: &Solid) -> bool {
+        let apart_m = (1.0 + CLEARANCE) * solid.radius();
+        let mut others = self.others.iter();
+        others.any(|other| solid.cores().iter().any(|core| other.gap(core) < apart_m))
     }
 
     fn is_held(&self, triangle: &[u32; 3]) -> bool {
@@ -142,18 +169,18 @@ impl WayOut {
         crossed.any(|triangle| self.is_held(&triangle))
     }
 
-    /// Whether a place is on the far side of a held face near a tool there: the solver calls that behind the wall.
-    fn is_beyond_held(&self, solid: &Solid, place: &Vector3<f64>) -> bool {
-        let near_m = 2.0 * solid.bound() + self.surface.mean_edge_m;
-        let mut held = self
-            .surface
-            .triangles
-            .iter()
-            .filter(|face| self.is_held(face));
+    /// Whether a place outside of the tissue is on the far side of a held face that is nearest to it, or as near as any: there a tool
+    /// would press on what is held from behind.
+    fn is_beyond_held(&self, place: &Vector3<f64>) -> bool {
+        let corners = |face: &[u32; 3]| face.map(|node| self.at(node) - place);
+        let far_m = |face: &[u32; 3]| closest(&corners(face)).point.norm();
+        let faces = || self.surface.triangles.iter();
+        let nearest_m = faces().map(far_m).fold(f64::INFINITY, f64::min);
+        let as_near_m = nearest_m + AS_NEAR * self.surface.mean_edge_m;
+        let mut held = faces().filter(|face| self.is_held(face));
         held.any(|face| {
-            let [a, b, c] = face.map(|node| self.at(node));
-            let off = place - a;
-            off.norm() < near_m && off.dot(&(b - a).cross(&(c - a))) > 0.0
+            let [a, b, c] = corners(face);
+            far_m(face) <= as_near_m && a.dot(&(b - a).cross(&(c - a))) < 0.0
         })
     }
 }
@@ -206,6 +233,77 @@ mod tests {
         assert_eq!(ways.from(&grip([0.0, 0.0, 0.02]), false), Some([0.0; 3]));
         let beside = slab("shape = \"grip\"");
         assert!(WayOut::of(&beside, beside.mesh.points_m()).is_none());
+    }
+
+    /// A rim of the top that is held with the floor is no wall to a tool beside it: the way leads up between.
+    #[test]
+    fn a_held_rim_leaves_the_way_up() {
+        let mut tool = "shape = \"capsule\"\nradius_m = 0.01\nlength_m = 0.04".to_owned();
+        for (axis, low) in [(0, 0.03), (0, -0.05), (1, 0.03), (1, -0.05)] {
+            let (mut min_m, mut max_m) = ([-0.05, -0.05, -0.05], [0.05, 0.05, 0.01]);
+            (min_m[axis], max_m[axis]) = (low, low + 0.02);
+            tool += &format!("\n[[fixed]]\nbox = {{ min_m = {min_m:?}, max_m = {max_m:?} }}");
+        }
+        let scene = slab(&tool);
+        let ways = WayOut::of(&scene, scene.mesh.points_m()).expect("a tool");
+        for at in [
+            [0.0, 0.0, -0.02],
+            [0.01, 0.01, -0.015],
+            [-0.015, 0.005, -0.01],
+        ] {
+            let out = ways.from(&grip(at), true).expect("a way");
+            assert!(
+                out[0].abs() < 1e-12 && out[1].abs() < 1e-12,
+                "{at:?}: {out:?}"
+            );
+            assert!(at[2] + out[2] > 0.01 && out[2] < 0.06, "{at:?}: {out:?}");
+        }
+    }
+
+    /// A triangle of the top whose three nodes are held, as in a corner between two held sides, is no wall: the way leads up past it.
+    #[test]
+    fn a_lone_face_of_held_nodes_is_no_wall() {
+        let mut tool = "radius_m = 0.014".to_owned();
+        for (x, y) in [(0.04, 0.04), (0.04, -0.04), (-0.04, 0.04), (-0.04, -0.04)] {
+            for [x, y] in [[x, y], [0.75 * x, y], [x, 0.75 * y]] {
+                let (low, high) = ([x - 1e-4, y - 1e-4, -1e-4], [x + 1e-4, y + 1e-4, 1e-4]);
+                tool += &format!("\n[[fixed]]\nbox = {{ min_m = {low:?}, max_m = {high:?} }}");
+            }
+        }
+        let scene = slab(&tool);
+        let ways = WayOut::of(&scene, scene.mesh.points_m()).expect("a tool");
+        for (x, y) in [
+            (0.025, 0.025),
+            (0.025, -0.025),
+            (-0.025, 0.025),
+            (-0.025, -0.025),
+        ] {
+            let out = ways.from(&grip([x, y, -0.01]), true).expect("a way");
+            assert!(out[2] - 0.01 > 0.014, "{x} {y}: {out:?}");
+        }
+    }
+
+    /// Beside a punch that is held in the tissue the way leads past it.
+    #[test]
+    fn it_ends_in_no_other_tool() {
+        let punch = "driven = true\nradius_m = 0.014\n[[tool]]\nid = 1\nshape = \"flat-punch\"\nradius_m = 0.0135\nfillet_m = 0.004\nlength_m = 0.04\n\
+                     position_m = [0.022, 0.0, -0.003]";
+        let scene = slab(punch);
+        let ways = WayOut::of(&scene, scene.mesh.points_m()).expect("a tool");
+        for at in [
+            [0.0204, 0.0022, -0.0239],
+            [0.0196, 0.0, -0.0142],
+            [0.0272, 0.0069, -0.0149],
+        ] {
+            let out = ways.from(&grip(at), true).expect("a way");
+            let [x, y, z] = [0, 1, 2].map(|axis: usize| at[axis] + out[axis]);
+            // Off the punch's shaft, or above its upper end.
+            let aside_m = (x - 0.022).hypot(y);
+            assert!(
+                aside_m > 0.0135 + 0.014 || z > 0.037 + 0.014,
+                "{at:?} to {x} {y} {z}"
+            );
+        }
     }
 
     /// Behind the held floor the way leads up through the tissue or past its sides, never along below the floor; a tool that has slipped in

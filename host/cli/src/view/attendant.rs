@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use sutura_host::link::{LinkError, Order};
 use sutura_host::session::{Arms, Attendant, Stop};
 use sutura_host::tool::Act;
-use sutura_shared::wire::message::{Command as ToConsole, HandScript, Simulate};
+use sutura_shared::wire::message::{Command as ToConsole, Simulate};
 use sutura_view::{Command, Hand, Request};
 
 /// Commands that work in real time: on any console, and besides on one that is simulated.
@@ -27,12 +27,15 @@ pub const TAKE_OUT: &str = "take_out";
 /// See [`COMMANDS`].
 pub const SIMULATED: [&str; 2] = ["drag", "hand"];
 
+/// Time in which a console that decays comes to rest: an order to arm that finds none at rest by then is forgotten.
+const ARMS_WITHIN: Duration = Duration::from_secs(1);
+
 /// An [`Operator`] who is asked by a page, too.
 pub struct PageAttendant {
     operator: Operator,
     asked: Receiver<Request>,
-    /// Whether a page has asked to arm the console.
-    arms: bool,
+    /// When a page asked to arm a console that was not armed. It counts for [`ARMS_WITHIN`].
+    arms: Option<Instant>,
     /// Whether a page has stopped it, and none has armed it since: then it is not armed by itself.
     is_stopped: bool,
     /// Requests for rest that are not reported yet, with the names of the persons.
@@ -59,17 +62,17 @@ impl PageAttendant {
     pub fn new(
         operator: Operator,
         asked: Receiver<Request>,
-        (hand, out): (Option<HandScript>, Option<TakeOut>),
+        (hand, out): (Option<Guide>, Option<TakeOut>),
         (saves, telemetry): (Saves, Arc<Telemetry>),
         jaws: Option<u8>,
     ) -> Self {
         Self {
             operator,
             asked,
-            arms: false,
+            arms: None,
             is_stopped: false,
             stops: Vec::new(),
-            hand: hand.map(|hand| (Guide::new(hand), Instant::now())),
+            hand: hand.map(|hand| (hand, Instant::now())),
             saves,
             jaws,
             acts: Vec::new(),
@@ -102,11 +105,19 @@ impl PageAttendant {
         Ok(true)
     }
 
+    /// Whether the page may move the grip: at rest nobody holds it.
+    fn moves(&mut self) -> bool {
+        let renders = self.telemetry.renders();
+        let guide = self.hand.as_mut().map(|(guide, _)| guide);
+        guide.is_some_and(|guide| guide.moves(renders))
+    }
+
     fn obey(&mut self, Request { command, reply }: Request) -> Option<Order> {
+        let moves = self.moves();
         let order = match command {
             Command::SafeStop => {
                 self.stops.push((Stop::Safe, reply.person()));
-                (self.arms, self.is_stopped, self.leaving) = (false, true, None);
+                (self.arms, self.is_stopped, self.leaving) = (None, true, None);
                 if let Some((guide, _)) = &mut self.hand {
                     guide.stop();
                 }
@@ -116,8 +127,12 @@ impl PageAttendant {
             Command::ClearFault => Some(Order::Command(ToConsole::ClearFault)),
             Command::Arm => {
                 // One that is armed already needs nothing, now or later.
-                let arms = !self.telemetry.renders();
-                (self.arms, self.is_stopped, self.leaving) = (arms, false, None);
+                let arms = self.is_stopped || !self.telemetry.is_armed();
+                if let Some((guide, _)) = &mut self.hand {
+                    guide.arm();
+                }
+                self.arms = arms.then(Instant::now);
+                (self.is_stopped, self.leaving) = (false, None);
                 self.telemetry.arm();
                 None
             }
@@ -137,7 +152,7 @@ impl PageAttendant {
                     return None;
                 }
             },
-            Command::Drag(Some(_)) | Command::Hand(_) if !self.telemetry.renders() => {
+            Command::Drag(Some(_)) | Command::Hand(_) if !moves => {
                 let (message, help) = NOT_HELD;
                 reply.refuse(message, help);
                 return None;
@@ -213,7 +228,11 @@ impl Attendant for PageAttendant {
                 }
             }
         }
-        if std::mem::take(&mut self.arms) {
+        if self
+            .arms
+            .take()
+            .is_some_and(|then| then.elapsed() < ARMS_WITHIN)
+        {
             return Arms::ByHand;
         }
         match self.operator.arms() {
@@ -228,8 +247,8 @@ impl Attendant for PageAttendant {
             return Some(order);
         }
         loop {
-            // At rest nobody holds the grip, and a simulated console would begin where the scene's hand does.
-            let hand = self.hand.as_mut().filter(|_| self.telemetry.renders());
+            let moves = self.moves();
+            let hand = self.hand.as_mut().filter(|_| moves);
             let order = hand.and_then(|(guide, since)| {
                 let script = guide.order(since.elapsed().as_secs_f64())?;
                 Some(Order::Simulate(Simulate::Hand(script)))

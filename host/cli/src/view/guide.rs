@@ -3,8 +3,8 @@
 //! Entry points: [`Guide::order`] every so often, [`Guide::drag`], [`Guide::go`]. How it was dragged last it can do again.
 
 use super::settings::Grasp;
-use sutura_host::scene::position_at;
-use sutura_shared::device::JOINTS;
+use sutura_host::scene::{joints_at, position_at};
+use sutura_shared::device::{JOINTS, Kinematics};
 use sutura_shared::wire::message::{HandScript, WAY_POINTS, WayPoint};
 use sutura_view::Hand;
 
@@ -65,6 +65,7 @@ enum Way {
 /// The hand on a simulated console. Times are those by which the console's own script runs \[s\].
 #[derive(Clone, Debug)]
 pub struct Guide {
+    kinematics: Kinematics,
     scenes: HandScript,
     script: HandScript,
     since_s: f64,
@@ -74,12 +75,15 @@ pub struct Guide {
     /// Where it wanted the grip in every period from when it was taken last to when it was let go \[m\].
     dragged: Vec<[f64; 3]>,
     next_s: f64,
+    /// The console was told to rest, and was not seen at rest since.
+    rests: bool,
 }
 
 impl Guide {
-    /// A hand that has just begun the scene's script.
-    pub fn new(scenes: HandScript) -> Self {
+    /// A hand that has just begun the scene's script on a console of these kinematics.
+    pub fn new(scenes: HandScript, kinematics: Kinematics) -> Self {
         Self {
+            kinematics,
             script: scenes,
             scenes,
             since_s: 0.0,
@@ -87,7 +91,20 @@ impl Guide {
             places: Vec::new(),
             dragged: Vec::new(),
             next_s: 0.0,
+            rests: false,
         }
+    }
+
+    /// Whether it may move the grip of a console that renders or does not: not once the console was told to rest, whatever its last
+    /// state says.
+    pub fn moves(&mut self, renders: bool) -> bool {
+        self.rests &= renders;
+        renders && !self.rests
+    }
+
+    /// Takes note that the console is told to arm.
+    pub fn arm(&mut self) {
+        self.rests = false;
     }
 
     /// Where it wants the grip now \[m\].
@@ -112,10 +129,11 @@ impl Guide {
         }
     }
 
-    /// Ends a drag, and what follows one: from now on it does what it was told last, and stays where that ends.
+    /// Ends a drag, and what follows one, with a console that is told to rest: it does what it was told last, and stays where that ends.
     pub fn stop(&mut self) {
         self.places.clear();
         self.doing = Doing::Script;
+        self.rests = true;
     }
 
     /// Whether it was dragged.
@@ -149,8 +167,7 @@ impl Guide {
         start_joint: [f32; JOINTS],
     ) -> (HandScript, f64) {
         let from = self.at(now_s);
-        self.places.clear();
-        self.doing = Doing::Script;
+        self.stop();
         let way_s = (distance(&from, &to) / OUT_M_PER_S).max(OUT_S);
         let script = self.tell(now_s, &[(0.0, from), (way_s, to)]);
         self.script = HandScript {
@@ -269,9 +286,14 @@ impl Guide {
                 position_m: at.map(|x| x as f32),
             };
         }
+        // A console that has come to rest meanwhile begins there.
+        let here = points
+            .first()
+            .and_then(|(_, at)| joints_at(&self.kinematics, *at));
         self.script = HandScript {
             count: points.len() as u8,
             way_points,
+            start_joint: here.unwrap_or(self.scenes.start_joint),
             ..self.scenes
         };
         self.since_s = now_s;
@@ -293,6 +315,8 @@ mod tests {
     use super::*;
     use sutura_shared::wire::Message;
     use sutura_shared::wire::message::Simulate;
+
+    const BENCH: Kinematics = Kinematics::Cartesian { origin_m: [0.0; 3] };
 
     fn hand() -> HandScript {
         let mut way_points = [WayPoint::default(); WAY_POINTS];
@@ -320,20 +344,26 @@ mod tests {
     /// After a safe stop the hand stays where its last order ends, whatever it was dragged to.
     #[test]
     fn a_stop_ends_a_drag() {
-        let mut guide = Guide::new(hand());
+        let mut guide = Guide::new(hand(), BENCH);
         guide.drag(0.5, Some([0.02, 0.0, 0.03]));
         run(&mut guide, 0.5, 0.05);
+        assert!(guide.moves(true));
         guide.stop();
+        assert!(!guide.moves(true), "the console has not obeyed yet");
         let after = run(&mut guide, 0.55, 1.0);
         let end = after[after.len() - 1];
         assert!(distance(&after[0], &end) < FASTEST_M_PER_S * PERIOD_S);
         assert!(distance(&end, &[0.02, 0.0, 0.03]) > 5e-3, "{end:?}");
+        assert!(!guide.moves(false) && guide.moves(true), "armed since");
+        guide.stop();
+        guide.arm();
+        assert!(guide.moves(true));
     }
 
     /// It follows without a jump and not too fast, waits when it is let go, and goes back by which it came.
     #[test]
     fn it_follows_holds_and_goes_back() {
-        let mut guide = Guide::new(hand());
+        let mut guide = Guide::new(hand(), BENCH);
         assert!(
             run(&mut guide, 0.0, 0.5)
                 .iter()
@@ -366,7 +396,7 @@ mod tests {
     /// The scene's hand begins where it begins, after a way there.
     #[test]
     fn it_goes_to_where_the_scene_begins() {
-        let mut guide = Guide::new(hand());
+        let mut guide = Guide::new(hand(), BENCH);
         guide.drag(0.0, Some([0.05, 0.0, 0.05]));
         run(&mut guide, 0.0, 1.0);
         let script = guide.go(1.0, Hand::Scene);
@@ -376,6 +406,8 @@ mod tests {
         assert!(distance(&way[way.len() - 1], &[0.0, 0.0, 0.05]) < 1e-6);
         let script = guide.go(2.0, Hand::Still);
         assert_eq!(script.count, 1);
+        // Of a console at rest it would be the place.
+        assert_eq!(script.start_joint, script.way_points[0].position_m);
     }
     /// Held otherwise in the middle of a way, it is where it was, comes by all points that are left at their times, and is held so
     /// in what comes after.
@@ -396,7 +428,7 @@ mod tests {
             damping_n_s_per_m: 9.0,
         };
         for changed_s in [0.0, 0.05, 0.1, 0.3, 0.5, 0.8, 1.1, 2.0] {
-            let mut guide = Guide::new(script);
+            let mut guide = Guide::new(script, BENCH);
             let before = guide.at(changed_s);
             let told = guide.hold(changed_s, grasp);
             assert_eq!(Simulate::Hand(told).check(), Ok(()), "at {changed_s} s");
@@ -419,7 +451,7 @@ mod tests {
     /// Taken out of the tissue in the middle of a drag, it follows that no more, and stays where it has come to.
     #[test]
     fn it_takes_a_tool_out_and_stays_there() {
-        let mut guide = Guide::new(hand());
+        let mut guide = Guide::new(hand(), BENCH);
         guide.drag(0.0, Some([0.0, 0.0, -0.011]));
         run(&mut guide, 0.0, 1.0);
         let (script, way_s) = guide.take_out(1.0, [0.0, 0.0, 0.02], [0.1, 0.2, 0.3]);
@@ -435,7 +467,7 @@ mod tests {
     /// What it did when it was dragged it does again, as fast, from where it was taken, and stays where it was let go.
     #[test]
     fn it_does_again_what_it_did() {
-        let mut guide = Guide::new(hand());
+        let mut guide = Guide::new(hand(), BENCH);
         assert!(!guide.has_way());
         guide.drag(0.0, Some([0.02, 0.0, 0.03]));
         let mut way = run(&mut guide, 0.0, 0.4);

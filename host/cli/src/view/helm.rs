@@ -131,6 +131,8 @@ pub struct Helm<'a> {
     out: Option<TakeOut>,
     /// Tick at which the way out that it is on ends, and the number of further ones; then the console is armed.
     leaving: Option<(u64, u8)>,
+    /// Somebody has asked to arm a console that decays.
+    arms: bool,
     making: Option<Making>,
     /// Person who asked for the safe stop with which the session begins.
     held: Option<Stopper>,
@@ -155,7 +157,7 @@ impl<'a> Helm<'a> {
         saves: Saves,
     ) -> Self {
         let helm = Self {
-            guide: Guide::new(plan.hand),
+            guide: Guide::new(plan.hand, plan.device.kinematics),
             asked,
             stop,
             show,
@@ -172,6 +174,7 @@ impl<'a> Helm<'a> {
             acts: Vec::new(),
             out: None,
             leaving: None,
+            arms: false,
             making: None,
             held: None,
             waiting: VecDeque::new(),
@@ -228,7 +231,7 @@ impl<'a> Helm<'a> {
 
     fn obey(&mut self, request: Request, now: &Steered<'_>, instructions: &mut Vec<Instruction>) {
         let Request { command, reply } = request;
-        let renders = matches!(now.state.mode, Mode::Armed | Mode::Decaying);
+        let moves = self.moves(now);
         let now_s = self.time_s(now);
         match command {
             Command::SafeStop => self.safe_stop(Stopper::of(&reply), now, instructions),
@@ -238,6 +241,8 @@ impl<'a> Helm<'a> {
             Command::Arm => {
                 self.leaving = None;
                 self.note_arm();
+                self.guide.arm();
+                self.arms = now.state.mode == Mode::Decaying;
                 self.order(ToConsole::Arm, now, instructions);
             }
             Command::TakeOut => {
@@ -261,7 +266,7 @@ impl<'a> Helm<'a> {
                 }
             }
             Command::ClearFault => self.order(ToConsole::ClearFault, now, instructions),
-            Command::Drag(Some(_)) | Command::Hand(_) if !renders => {
+            Command::Drag(Some(_)) | Command::Hand(_) if !moves => {
                 let (message, help) = NOT_HELD;
                 return reply.refuse(message, help);
             }
@@ -354,7 +359,7 @@ impl<'a> Helm<'a> {
         now: &Steered<'_>,
         instructions: &mut Vec<Instruction>,
     ) {
-        self.leaving = None;
+        (self.leaving, self.arms) = (None, false);
         // A drag is over: a grip that is armed again stays where it was stopped.
         self.guide.stop();
         self.show.telemetry().safe_stop(stopper.asker);
@@ -363,6 +368,12 @@ impl<'a> Helm<'a> {
         if self.making.is_some() {
             self.holds_next.get_or_insert(stopper);
         }
+    }
+
+    /// Whether the page may move the grip.
+    fn moves(&mut self, now: &Steered<'_>) -> bool {
+        let renders = matches!(now.state.mode, Mode::Armed | Mode::Decaying);
+        self.guide.moves(renders)
     }
 
     /// Takes note that somebody has asked to arm the console.
@@ -652,8 +663,14 @@ impl Steer for Helm<'_> {
             }
         }
         self.look_whether_out(now, instructions);
+        if self.arms && now.state.mode != Mode::Decaying {
+            self.arms = false;
+            if now.state.mode == Mode::Idle {
+                self.order(ToConsole::Arm, now, instructions);
+            }
+        }
         let now_s = self.time_s(now);
-        if matches!(now.state.mode, Mode::Armed | Mode::Decaying)
+        if self.moves(now)
             && let Some(script) = self.guide.order(now_s)
         {
             instructions.push(Order::Simulate(Simulate::Hand(script)).into());

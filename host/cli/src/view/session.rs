@@ -4,6 +4,7 @@
 
 use super::PageArgs;
 use super::attendant::{COMMANDS, JAWS, PageAttendant, SIMULATED, TAKE_OUT};
+use super::guide::Guide;
 use super::hello::Kind;
 use super::live::Live;
 use super::page::Page;
@@ -146,7 +147,8 @@ impl Viewed {
         match (self.page.take_asked(), &self.show) {
             (Some(asked), Some(show)) => {
                 let telemetry = show.telemetry().clone();
-                let hand = (simulated.then_some(plan.hand), self.out.take());
+                let guide = Guide::new(plan.hand, plan.device.kinematics);
+                let hand = (simulated.then_some(guide), self.out.take());
                 let saves = Saves::new(saver, telemetry.clone(), last, None);
                 Box::new(PageAttendant::new(
                     operator,

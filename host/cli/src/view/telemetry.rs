@@ -166,6 +166,11 @@ impl Telemetry {
         self.lock().mode.is_some_and(renders)
     }
 
+    /// Whether the console's last state is armed, not decaying.
+    pub fn is_armed(&self) -> bool {
+        self.lock().mode == Some(Mode::Armed)
+    }
+
     /// Somebody has asked for a safe stop. One before the session's first state holds it at rest from the start.
     pub fn safe_stop(&self, by: &'static str) {
         let mut inner = self.lock();
