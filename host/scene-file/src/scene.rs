@@ -260,12 +260,27 @@ pub struct TissueSection {
     /// Density \[kg/m^3\], for weight under `gravity_m_per_s2`, and for models with masses, where it is 1050 when left out.
     #[schemars(with = "Option<f64>", extend("minimum" = 1.0, "maximum" = 30000.0))]
     pub density_kg_per_m3: Option<Spanned<f64>>,
+    /// How its stress fades at a held pose, of energy-balance-neo-hookean tissue; it does not when left out.
+    #[schemars(with = "Option<RelaxationSection>")]
+    pub relaxation: Option<Spanned<RelaxationSection>>,
     /// How the tissue answers needles; scenes with needles need it.
     #[schemars(with = "Option<NeedleTissueSection>")]
     pub needle: Option<Spanned<NeedleTissueSection>>,
     /// Speed against accuracy of the corotational model.
     #[schemars(with = "Option<CorotationalSection>")]
     pub corotational: Option<Spanned<CorotationalSection>>,
+}
+
+/// `relaxation = { share = .., time_s = .. }` of `[tissue]`: one term of a Prony series.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RelaxationSection {
+    /// Share of the stress that fades.
+    #[schemars(with = "f64", extend("exclusiveMinimum" = 0.0, "exclusiveMaximum" = 1.0))]
+    pub share: Spanned<f64>,
+    /// Time in which it fades to a part of 1/e \[s\].
+    #[schemars(with = "f64", extend("minimum" = 0.001, "maximum" = 10000.0))]
+    pub time_s: Spanned<f64>,
 }
 
 /// `[tissue.corotational]`: when the stiffness is factored again, and what is done in between.

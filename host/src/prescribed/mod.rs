@@ -3,6 +3,7 @@
 //! Entry points: `Prescribed::new`, `Prescribed::follow`. For models without the compliance that rows need; those that
 //! have it go with [`step`](crate::step::step), whose tools slip.
 
+mod fading;
 mod sticking;
 
 use crate::clock::Clock;
@@ -16,6 +17,7 @@ use crate::scene::{Registered, Rendering, Scene, SceneError};
 use crate::script::{at_rest, outside};
 use crate::step::{Status, StepReport, ToolContact};
 use crate::tool::{MAX_TOOLS, Placement, Shape, Tool, ToolSample};
+use fading::Fading;
 use miette::Diagnostic;
 use nalgebra::Vector3;
 use serde_json::{Value, json};
@@ -99,6 +101,8 @@ pub(crate) struct Prescribed {
     shapes: Vec<(u8, Tool)>,
     /// The tool whose tangent is wanted.
     driven: Option<u8>,
+    /// How its force fades, if the tissue's stress does.
+    fading: Option<Fading>,
     tools: Tools,
     /// Rows of the drive whose nodes press, of the tool at hand.
     pressing: Vec<usize>,
@@ -192,6 +196,10 @@ impl Prescribed {
             sticking: Sticking::new(&scene.mesh, &scene.fixed),
             shapes,
             driven: scene.driven().map(|tool| tool.id),
+            fading: scene
+                .relaxation
+                .filter(|_| model.relaxes())
+                .map(Fading::new),
             tools: [const { None }; MAX_TOOLS],
             pressing: Vec::with_capacity(scene.mesh.points_m().len()),
             to_come: Vec::with_capacity(scene.mesh.points_m().len()),
@@ -344,8 +352,28 @@ impl Prescribed {
             }
             _ => {}
         }
+        self.fade(&mut report, step_s);
         clock.lap(&mut report.stages.reduce_ns);
         report
+    }
+
+    /// Says how fast the driven tool's force fades. A step without a contact begins anew.
+    fn fade(&mut self, report: &mut StepReport, step_s: f64) {
+        let Some(fading) = &mut self.fading else {
+            return;
+        };
+        let count = report.contacts().len();
+        let driven = self.driven;
+        let mut contacts = report.contacts_mut(count).iter_mut();
+        match contacts.find(|contact| Some(contact.id) == driven) {
+            Some(contact) => {
+                let [x, y, z, ..] = contact.wrench;
+                contact.relaxation_per_s = fading.rate_per_s(&Vector3::new(x, y, z), step_s);
+            }
+            None => {
+                fading.rate_per_s(&Vector3::zeros(), step_s);
+            }
+        }
     }
 
     /// Whether the driven tool was in contact in the last step, also where the result is withheld.

@@ -38,6 +38,7 @@ pub use rendering::Rendering;
 pub use schema::schema;
 pub use sutura_scene_file::scene::{HandSection, WayPointSection};
 pub use threads::{Cut, CutBy, Thread, ThreadHeld, Tighten};
+pub(crate) use tissue::RELAXES;
 pub use tissue::{ContactLaw, DENSITY_KG_PER_M3, Registered, Tissue, models};
 pub use touching::TissueContact;
 pub use units::unlikely_size;
@@ -82,6 +83,8 @@ pub struct Scene {
     pub materials: Materials,
     /// Its density \[kg/m^3\], for models with masses.
     pub density_kg_per_m3: f64,
+    /// Share of its stress that fades, and the time in which it does \[s\]: of energy-balance-neo-hookean tissue alone.
+    pub relaxation: Option<(f64, f64)>,
     /// What pulls on all of it, if the scene says so.
     pub gravity: Option<Gravity>,
     /// Whether it begins at rest under what acts on it, or as the mesh has it.

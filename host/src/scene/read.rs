@@ -25,7 +25,8 @@ use crate::fem::{Anchor, Handle, Loads, NodeLoad};
 use crate::mesh::{self, MeshError, TetMesh};
 use miette::Severity;
 use sutura_scene_file::scene::{
-    HandleSection, LoadSection, MeshSection, SceneFile, TissueModel, TissueSection,
+    HandleSection, LoadSection, MeshSection, RelaxationSection, SceneFile, TissueModel,
+    TissueSection,
 };
 use toml::Spanned;
 
@@ -187,6 +188,7 @@ impl Scene {
             tissue: read_tissue(document, &file.tissue)?,
             materials,
             density_kg_per_m3: density_kg_per_m3.unwrap_or(DENSITY_KG_PER_M3),
+            relaxation: read_relaxation(document, &file.tissue)?,
             gravity,
             settle: true,
             regions,
@@ -404,6 +406,40 @@ fn read_mesh(
             Err(document.flaw(section.span(), message, "file, slab or parts", Some(help)))
         }
     }
+}
+
+/// Share of the stress that fades, and the time in which it does \[s\].
+fn read_relaxation(
+    document: &Document,
+    section: &TissueSection,
+) -> Result<Option<(f64, f64)>, SceneError> {
+    let Some(relaxation) = &section.relaxation else {
+        return Ok(None);
+    };
+    if section.model != TissueModel::EnergyBalanceNeoHookean {
+        let message = format!(
+            "the stress of {} tissue does not fade",
+            section.model.word()
+        );
+        let help = "give `model = \"energy-balance-neo-hookean\"`, or leave `relaxation` out";
+        return Err(document.flaw(relaxation.span(), message, "of another model", Some(help)));
+    }
+    let RelaxationSection { share, time_s } = relaxation.get_ref();
+    let share = document.number(
+        "share",
+        share,
+        "more than 0 and less than 1",
+        |share| share > 0.0 && share < 1.0,
+        "0.5: half of the stress fades; what does not fade holds the tissue together",
+    )?;
+    let time_s = document.number(
+        "time_s",
+        time_s,
+        "from 0.001 to 10000",
+        |time_s| (1e-3..=1e4).contains(&time_s),
+        "soft tissue takes 0.1 to 100 s",
+    )?;
+    Ok(Some((share, time_s)))
 }
 
 fn read_tissue(document: &Document, section: &TissueSection) -> Result<Tissue, SceneError> {

@@ -176,7 +176,10 @@ impl Corotational {
     }
 }
 
-/// What a scene's tissue can be made of: no fibres, nothing that fades.
+/// Model of which a scene can say that its stress fades.
+pub(crate) const RELAXES: &str = "energy-balance-neo-hookean";
+
+/// What a scene's tissue is made of, but for its numbers: no fibres.
 const PLAIN: Substance = Substance {
     material: crate::fem::Material {
         youngs_modulus_pa: 1e4,
@@ -220,6 +223,23 @@ impl Registered {
         })
     }
 
+    /// The setting that builds a body: the stress of energy-balance-neo-hookean tissue fades where that of the body does.
+    fn find_for(self, body: &Body) -> Option<Setting> {
+        let relaxes = self.relaxes() && body.substance.relaxation.is_some();
+        let name = if relaxes {
+            "energy-balance-prony"
+        } else {
+            self.name
+        };
+        let settings = entry(name)?.settings;
+        settings.into_iter().nth(self.setting.unwrap_or(0))
+    }
+
+    /// Whether its stress may fade.
+    pub fn relaxes(self) -> bool {
+        self.name == RELAXES
+    }
+
     fn find(self) -> Option<Setting> {
         let settings = entry(self.name)?.settings;
         settings.into_iter().nth(self.setting.unwrap_or(0))
@@ -240,7 +260,7 @@ impl Registered {
         mesh: &TetMesh,
     ) -> Result<Box<dyn sutura_models::Tissue>, String> {
         let setting = self
-            .find()
+            .find_for(body)
             .ok_or_else(|| format!("{} has no such setting", self.name))?;
         (setting.build)(body, mesh)
     }
@@ -312,6 +332,7 @@ impl Scene {
         let substance = Substance {
             material: self.materials.of(0),
             density_kg_per_m3: self.density_kg_per_m3,
+            relaxation: self.relaxation,
             ..PLAIN
         };
         Body {

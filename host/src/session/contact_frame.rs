@@ -5,7 +5,7 @@
 
 use crate::step::ToolContact;
 use sutura_shared::wire::message::{Contact, State};
-use sutura_shared::wire::validate::MAX_POSITION;
+use sutura_shared::wire::validate::{MAX_POSITION, MAX_RELAXATION};
 
 /// Number on the wire of the tool that the console's grip carries, whatever its id in the scene.
 pub(super) const GRIP: u8 = 0;
@@ -33,7 +33,7 @@ pub fn contact_frame(state: &State, contact: &ToolContact, horizon_us: u32) -> C
         // console reaches.
         gap_m: contact.gap_m.clamp(0.0, f64::from(MAX_POSITION)) as f32,
         normal: contact.normal.map(|value| value as f32),
-        relaxation_per_s: 0.0,
+        relaxation_per_s: contact.relaxation_per_s.min(f64::from(MAX_RELAXATION)) as f32,
         horizon_us,
     }
 }
@@ -112,11 +112,13 @@ mod tests {
             gap_m: -1e-9,
             normal: [third; 3],
             rows: 5,
+            relaxation_per_s: 2e3,
         };
         let frame = contact_frame(&state, &contact, 50_000);
         assert_eq!(frame.check(), Ok(()));
         assert_eq!(frame.position_m, state.position_m);
         assert_eq!((frame.gap_m, frame.horizon_us), (0.0, 50_000));
+        assert_eq!(frame.relaxation_per_s, MAX_RELAXATION);
         // A grip whose needle another tool has taken touches nothing anywhere.
         let nowhere = ToolContact {
             gap_m: f64::MAX,

@@ -69,6 +69,7 @@ impl Felt {
             gap_m: self.gap_m,
             normal: force.try_normalize(1e-12).unwrap_or(self.normal).into(),
             rows: self.rows,
+            relaxation_per_s: 0.0,
         }
     }
 }

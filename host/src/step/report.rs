@@ -80,6 +80,8 @@ pub struct ToolContact {
     pub normal: [f64; 3],
     /// Vertices that it touches.
     pub rows: u32,
+    /// Rate at which the force fades at a held pose \[1/s\].
+    pub relaxation_per_s: f64,
 }
 
 impl ToolContact {

@@ -20,7 +20,7 @@ use crate::clock::Clock;
 use crate::event::Event;
 use crate::model::Model;
 use crate::prescribed::Prescribed;
-use crate::scene::{Pose, Registered, Scene, Thread};
+use crate::scene::{Pose, RELAXES, Registered, Scene, Thread};
 use crate::script::{Path, Script, path};
 use crate::step::{
     self, Arrival, Rule, Stages, Status, StepOptions, StepReport, ToolRows, Workspace,
@@ -144,6 +144,11 @@ impl SceneSolver {
     }
 
     fn around(scene: &Scene, tissue: &'static str, follower: Follower) -> Self {
+        if scene.relaxation.is_some() && tissue != RELAXES {
+            tracing::warn!(
+                "{tissue} tissue does not fade: `relaxation` of the scene changes nothing"
+            );
+        }
         Self {
             name: scene.name.clone(),
             tissue,
