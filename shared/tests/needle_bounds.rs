@@ -94,7 +94,7 @@ fn wanted_m(time_s: f64) -> f64 {
     }
 }
 
-/// Largest force \[N\], and the mean one while it slides in over the true one, of a needle in such tissue with a hand of this stiffness.
+/// Largest force \[N\], and the mean one over the true one while it slides in, of a needle in such tissue with a hand of this stiffness.
 fn felt(stiffness_n_per_m: f64, hand_n_per_m: f64, period_ms: u32) -> (f64, f64) {
     let counts_per_m = f64::from(light().joints[2].counts_per_unit);
     let mut control = Control::new(light()).unwrap();
@@ -129,12 +129,17 @@ fn felt(stiffness_n_per_m: f64, hand_n_per_m: f64, period_ms: u32) -> (f64, f64)
         }
         let commanded_n = f64::from(output.state.force_n[2]);
         most_n = most_n.max(commanded_n.abs());
-        if (1.0..1.5).contains(&time_s) {
+        let slides = true_n > 0.999 * FRICTION_N;
+        if (0.3..1.5).contains(&time_s) && slides {
             means = [means[0] + commanded_n, means[1] + true_n];
         }
         // The command of the tick before acts now.
         for step in 0..20 {
             let at_s = time_s + 5e-5 * f64::from(step);
+            if hand_n_per_m.is_infinite() {
+                z = wanted_m(at_s + 5e-5);
+                continue;
+            }
             let pull_n = hand_n_per_m * (wanted_m(at_s) - z) - (2.0 + DAMPING_N_S_PER_M) * velocity;
             velocity += 5e-5 * (acting_n + pull_n) / MASS_KG;
             z += 5e-5 * velocity;
@@ -146,16 +151,13 @@ fn felt(stiffness_n_per_m: f64, hand_n_per_m: f64, period_ms: u32) -> (f64, f64)
 
 #[test]
 fn a_needle_is_felt_within_its_friction_however_stiff_the_tissue_is() {
-    for stiffness in [1e3, 8e3, 26e3, 78e3, 1e6] {
-        for hand in [50.0, 200.0, 800.0] {
-            for period_ms in [1, 5, 17] {
+    for stiffness in [1e3, 3e3, 8e3, 26e3, 78e3, 260e3, 1e6] {
+        for hand in [50.0, 100.0, 200.0, 800.0, 2000.0, f64::INFINITY] {
+            for period_ms in [1, 2, 5, 10, 17, 33] {
                 let (most_n, part) = felt(stiffness, hand, period_ms);
                 let what = format!("{stiffness} N/m, hand {hand} N/m, {period_ms} ms");
                 assert!(most_n < 1.25 * FRICTION_N, "{what}: {most_n} N");
-                // Soft hands chatter in stiff tissue, where the mean of both forces is small.
-                if hand >= 800.0 || stiffness < 8e3 {
-                    assert!(part > 0.8, "{what}: {part} of the true force");
-                }
+                assert!(part > 0.8, "{what}: {part} of the true force");
             }
         }
     }

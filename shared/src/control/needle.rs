@@ -286,6 +286,12 @@ impl LocalNeedle {
         forward
     }
 
+    /// Stiffness along the slide with which it sticks, and which the frame's tangent has not \[N/m\]: of one that slips.
+    pub(super) fn lacking_n_per_m(&self) -> f32 {
+        let [forward, backward] = self.stick_n_per_m;
+        max(max(forward, backward) - max(self.now_n_per_m, 0.0), 0.0)
+    }
+
     /// Bound of a needle that sticks stiffly, and whose slide does not turn: direction of the slide, and the axial force if
     /// the grip goes on to `dx` with the least and the largest that hold the needle there \[N\].
     pub fn bounds(&self, dx: &[f32; 6]) -> Option<(Vec3, f32, [f32; 2])> {

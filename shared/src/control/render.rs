@@ -385,10 +385,10 @@ impl Render {
         let thread = thread.filter(|thread| thread.console_time_us() == solved_us);
         self.thread = thread.map(LocalThread::new);
         // No eigenvalue of a sum is beyond the sum of the largest.
-        let lacking = self
-            .thread
-            .as_ref()
-            .map_or(0.0, LocalThread::lacking_n_per_m);
+        let thread = self.thread.as_ref();
+        let needle = self.needle.as_ref();
+        let lacking = thread.map_or(0.0, LocalThread::lacking_n_per_m)
+            + needle.map_or(0.0, LocalNeedle::lacking_n_per_m);
         self.stiffness = contact.stiffness() + lacking;
         if self.needle.is_some() || self.thread.is_some() {
             self.held_until_us = solved_us.saturating_add(u64::from(MAX_HORIZON_US));
