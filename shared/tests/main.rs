@@ -12,6 +12,7 @@ mod events;
 mod grip;
 mod kinematics;
 mod lag;
+mod laws;
 mod link;
 mod needle_and_thread;
 mod needle_bounds;

@@ -28,6 +28,8 @@ const NEVER_S: f32 = 1.0;
 const LACKS_TICKS: u16 = 25;
 /// A force that is not covered goes on the way out at so many times the slope of its spring.
 const GOES: f32 = 4.0;
+/// Way on which a force ends below which it gives next to no energy \[m\]: the hand's own way in builds it up at once.
+const SHORT_M: f32 = 0.25e-3;
 /// Slower motion is none \[m/s\]: an encoder's step looks like that.
 const SLOWEST: f32 = 2e-3;
 /// Ticks in a row with all of the force after which it is back: a blend from nothing hides what is wanted for two.
@@ -110,9 +112,13 @@ impl Credit {
     pub fn raise(&mut self, size: f32, speed: f32, stiffness: f32, covered_n: f32) -> Option<f32> {
         let level = self.level_n.as_mut()?;
         let (slow, fast) = PUSHED_OUT;
-        let mut rate = RATE_N_PER_S * clamp((fast - speed.abs()) * (1.0 / (fast - slow)), 0.0, 1.0);
+        let is_short = size < SHORT_M * stiffness;
+        let quick = if is_short { speed } else { speed.abs() };
+        let mut rate = RATE_N_PER_S * clamp((fast - quick) * (1.0 / (fast - slow)), 0.0, 1.0);
         if *level > covered_n {
             rate -= GOES * stiffness * max(speed - SLOWEST, 0.0);
+        } else if is_short {
+            rate += stiffness * max(-speed - SLOWEST, 0.0);
         }
         *level = clamp(*level + rate * TICK_S, 0.0, size);
         Some(*level)
@@ -184,6 +190,23 @@ mod tests {
         assert_eq!(after(2000, 0.0, 10.0), 3.0);
         // Uncovered it goes on the way out, 4 times as fast as its spring.
         assert!(after(100, 0.01, 0.0) < 0.005);
+    }
+
+    /// A needle in stiff tissue, of which the hand's own way makes more than the rate.
+    #[test]
+    fn a_force_of_a_short_way_comes_back_as_fast_as_the_hand_presses_it_in() {
+        let level = |stiffness: f32, covered_n: f32| {
+            let mut credit = Credit::NEW;
+            credit.raise(0.5, -0.012, stiffness, covered_n)
+        };
+        let only_rate = Some(RATE_N_PER_S * TICK_S);
+        let pressed = level(4e3, 1.0).unwrap_or(0.0);
+        assert!((pressed - (RATE_N_PER_S + 40.0) * TICK_S).abs() < 1e-6);
+        assert_eq!(level(1e3, 1.0), only_rate);
+        let mut credit = Credit::NEW;
+        credit.lose(0.4);
+        let uncovered = credit.raise(0.5, -0.012, 4e3, 0.1).unwrap_or(0.0);
+        assert!((uncovered - 0.4 - RATE_N_PER_S * TICK_S).abs() < 1e-6);
     }
 
     #[test]

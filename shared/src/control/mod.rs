@@ -12,6 +12,7 @@ mod credit;
 mod drift;
 mod drive;
 mod encoders;
+mod laws;
 mod limits;
 mod mode;
 mod needle;
@@ -590,6 +591,11 @@ impl Control {
         let allowed = self
             .passivity
             .allow(&bounded, pose, &joints.velocity, &local);
+        // Damping is no friction. A fixture's force has no cone.
+        let allowed = match self.fixed.fixture() {
+            Fixture::None => self.render.rubbing(allowed),
+            Fixture::Wall { .. } | Fixture::Coupling { .. } => allowed,
+        };
         self.limits.slewed(&allowed, pose, left)
     }
 

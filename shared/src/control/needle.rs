@@ -286,12 +286,23 @@ impl LocalNeedle {
         forward
     }
 
-    /// Bound of a needle that sticks stiffly, and whose slide does not turn: direction of the slide, and the axial force if
+    /// Stiffness along the slide with which it sticks, and which the frame's tangent has not \[N/m\]: of one that slips.
+    pub(super) fn lacking_n_per_m(&self) -> f32 {
+        let [forward, backward] = self.stick_n_per_m;
+        max(max(forward, backward) - max(self.now_n_per_m, 0.0), 0.0)
+    }
+
+    /// Whether it sticks as stiffly as the device can hardly render.
+    pub fn is_stiff(&self) -> bool {
+        self.is_stiff
+    }
+
+    /// Bound of a needle whose slide does not turn: direction of the slide, and the axial force if
     /// the grip goes on to `dx` with the least and the largest that hold the needle there \[N\].
     pub fn bounds(&self, dx: &[f32; 6]) -> Option<(Vec3, f32, [f32; 2])> {
         let [x, y, z, a, b, c] = self.slide;
         let slide_m = self.slide_of(dx)?;
-        if !self.is_stiff || a * a + b * b + c * c > STRAIGHT * STRAIGHT {
+        if a * a + b * b + c * c > STRAIGHT * STRAIGHT {
             return None;
         }
         let (axial_n, gone) = self.next(slide_m);

@@ -6,6 +6,7 @@
 use super::bend::Bend;
 use super::contact::{Freshness, LocalContact, STRONGEST_N};
 use super::drift::{Change, Drift};
+use super::laws::{Cone, Growth};
 use super::needle::LocalNeedle;
 use super::round::{Shape, Skin};
 use super::rows::{ContactRows, MAX_RESIDUAL};
@@ -29,12 +30,15 @@ const TOLD_M: f32 = 10e-6;
 /// other parts of the surface, which are as likely more of the same.
 const SIDEWAYS_M: f32 = 3e-3;
 const SIDEWAYS: f32 = 1.5;
+/// Way of a contact on a turn of the grip \[m/rad\], at most.
+const LEVER_M: f32 = 0.1;
 /// A smaller force is zero \[N\].
 const LEAST_N: f32 = 1e-9;
 /// A smaller force is none as to how it goes on \[N\].
 const NONE_N: f32 = 1e-4;
-/// Part of a needle's bounds by which a force that goes on from the model before may be beyond them.
-const BEYOND: f32 = 0.05;
+/// Part of a needle's bounds by which a force that goes on from the model before may be beyond them: of one that sticks stiffly, and of others, which
+/// fade into them.
+const BEYOND: [f32; 2] = [0.05, 0.15];
 /// Part by which rows give way to the tangent, or come back, in a tick: all of it in 10 ms.
 const GIVE_WAY: f32 = 0.1;
 
@@ -94,6 +98,11 @@ pub(super) struct Render {
     /// Change of the model's force over the last tick in which it was not new \[N\], and the way on which it changed \[m\].
     course: Option<(Vec3, Vec3)>,
     track: Track,
+    /// What friction holds in this tick; none where nothing rubs.
+    cone: Option<Cone>,
+    /// What the last force is allowed beyond it \[N\].
+    beyond_n: f32,
+    growth: Growth,
 }
 
 /// Ticks whose places are remembered: as long as most frames are under way and in use.
@@ -180,6 +189,9 @@ impl Render {
             model_n: None,
             course: None,
             track: Track::NONE,
+            cone: None,
+            beyond_n: 0.0,
+            growth: Growth::NONE,
         }
     }
 
@@ -191,6 +203,7 @@ impl Render {
         (self.trust, self.bend, self.beside) = (Trust::FULL, Bend::NONE, [None; 2]);
         self.drift = Drift::NONE;
         self.track.count = 0;
+        self.growth = Growth::NONE;
         self.start_from_nothing();
     }
 
@@ -353,6 +366,7 @@ impl Render {
             farthest - dot(along, new.place_m())
         };
         self.rows.replace(&fresh.rows, farthest);
+        self.growth.note(&new.own_force(), now_us);
         self.contact = Some(new);
         self.shape = shape;
         self.changed = true;
@@ -385,10 +399,10 @@ impl Render {
         let thread = thread.filter(|thread| thread.console_time_us() == solved_us);
         self.thread = thread.map(LocalThread::new);
         // No eigenvalue of a sum is beyond the sum of the largest.
-        let lacking = self
-            .thread
-            .as_ref()
-            .map_or(0.0, LocalThread::lacking_n_per_m);
+        let thread = self.thread.as_ref();
+        let needle = self.needle.as_ref();
+        let lacking = thread.map_or(0.0, LocalThread::lacking_n_per_m)
+            + needle.map_or(0.0, LocalNeedle::lacking_n_per_m);
         self.stiffness = contact.stiffness() + lacking;
         if self.needle.is_some() || self.thread.is_some() {
             self.held_until_us = solved_us.saturating_add(u64::from(MAX_HORIZON_US));
@@ -409,6 +423,7 @@ impl Render {
             self.track.push(grip.position_m);
         }
         self.drift.tick();
+        self.cone = None;
         let before = self.offset_n;
         self.offset_n *= self.fade;
         self.pull_n *= self.fade;
@@ -461,9 +476,11 @@ impl Render {
         };
         self.model_n = Some(model);
         self.bound(&dx, way);
-        let mut force = model + self.offset_n;
+        let mut force = self.grown(model + self.offset_n, &dx, now_us);
         if !self.holds(now_us) {
             force = self.without_new_pull(&normal, force);
+            self.cone = self.cone_at(&dx, is_new);
+            force = self.rubbing(force);
         }
         let mut force = shortened(force, self.max_force_n) * share;
         if dot(&force, &force) < LEAST_N * LEAST_N {
@@ -472,6 +489,50 @@ impl Render {
         }
         self.last = Some((force, at));
         force
+    }
+
+    /// A force no larger than the last frames' allow, with what the way since the newest one adds at the stiffness that the device renders
+    /// stably.
+    fn grown(&self, force: Vec3, dx: &[f32; 6], now_us: u64) -> Vec3 {
+        let baseline = matches!(
+            self.tuning.rendering,
+            Rendering::Hold | Rendering::LinearTime
+        );
+        if baseline || !self.tuning.guards.blend {
+            return force;
+        }
+        self.growth.keep(force, || {
+            let [x, y, z, a, b, c] = *dx;
+            let age_us = self.contact.as_ref().map_or(0, |new| new.age_us(now_us));
+            let way_m = length(&Vec3::new(x, y, z)) + LEVER_M * length(&Vec3::new(a, b, c));
+            let came_m = self.drift_m_per_s().abs() * (age_us as f32 * 1e-6);
+            self.stable_n_per_m * (way_m + came_m)
+        })
+    }
+
+    /// Cone of all contacts at a pose. What the last force is beyond a new one fades, as what is left of it does.
+    fn cone_at(&mut self, dx: &[f32; 6], is_new: bool) -> Option<Cone> {
+        let is_felt = self.tuning.rendering == Rendering::Rows && self.tuning.guards.blend;
+        let cone = self.rows.cone().filter(|_| is_felt)?;
+        if is_new {
+            let last = self.last.map_or(0.0, |(force, _)| cone.beyond_n(&force));
+            self.beyond_n = last;
+        } else {
+            self.beyond_n *= self.fade;
+        }
+        let mut part = 0.0;
+        if cone.spread > 0.0 {
+            let [x, y, z, ..] = *dx;
+            let way = Vec3::new(x, y, z);
+            let across_m = length(&(way - cone.axis * dot(&cone.axis, &way)));
+            part = clamp(across_m * (1.0 / SIDEWAYS_M) - 1.0, 0.0, 1.0);
+        }
+        Some(cone.after(part, self.beyond_n))
+    }
+
+    /// A force with no more friction than the contacts of the last tick hold.
+    pub fn rubbing(&self, force: Vec3) -> Vec3 {
+        self.cone.map_or(force, |cone| cone.keep(force))
     }
 
     /// Force that the frame has without anything to be solved or remembered, by the tangent or a baseline \[N\], and the normal there.
@@ -598,10 +659,16 @@ impl Render {
             return;
         };
         if let Some((along, axial_n, [least_n, most_n])) = needle.bounds(dx) {
-            let slid_m = way.map_or(0.0, |way| dot(&along, &way).abs());
+            let [stiff, other] = BEYOND;
             let before_n = dot(&along, &self.offset_n);
-            let wanted_n = shrink(before_n, needle.stick_n_per_m() * slid_m);
-            let beyond_n = BEYOND * max(most_n, -least_n);
+            let (beyond, wanted_n) = if needle.is_stiff() {
+                let slid_m = way.map_or(0.0, |way| dot(&along, &way).abs());
+                let worked_n = needle.stick_n_per_m() * slid_m;
+                (stiff, shrink(before_n, worked_n))
+            } else {
+                (other, before_n)
+            };
+            let beyond_n = beyond * max(most_n, -least_n);
             let kept_n = clamp(
                 wanted_n,
                 min(least_n - beyond_n - axial_n, 0.0),
@@ -871,6 +938,21 @@ mod tests {
         stand.render.max_force_n = 10.0;
         let force = stand.settle(floor(1e5, -0.05), -0.05);
         assert!((force - 10.0).abs() < 1e-4, "{force}");
+    }
+
+    /// A tangent of fifty times the force's own stiffness, and a hand that goes on by half a millimetre.
+    #[test]
+    fn a_force_grows_at_the_stiffness_that_is_stable_at_most() {
+        let mut stand = Stand::new();
+        stand.render.stable_n_per_m = 8800.0;
+        let mut contact = floor(1000.0, -1e-3);
+        contact.tangent[11] *= 50.0;
+        let force = stand.settle(contact, -1e-3);
+        assert!((force - 1.0).abs() < 1e-5, "{force}");
+        for (z, most) in [(-1.01e-3, 1.4 + 0.088), (-1.5e-3, 1.4 + 4.4)] {
+            let force = stand.force(z);
+            assert!((force - most).abs() < 1e-2, "{z}: {force}");
+        }
     }
 
     /// Frames of a spring of 1000 N/m whose tangent says another stiffness, on a path of 1 mm a frame.

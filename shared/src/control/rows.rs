@@ -6,6 +6,7 @@
 //! Rows are scaled by d = W_ii^(-1/2), the tangents of a cone by the largest eigenvalue of their block: then
 //! delta~ = d delta and lambda~ = lambda / d are of one unit, and a step of a row needs no division.
 
+use super::laws::Cone;
 use crate::math::{Vec3, clamp, dot, max, min};
 use crate::wire::ValidRows;
 use crate::wire::message::{MAX_ROWS, Row, RowKind};
@@ -25,6 +26,11 @@ const LANES: usize = 8;
 const MAX_WAY: f32 = 20.0;
 /// What a multiplier counts for in the scale of the residual: rounding of f32 over some tens of terms.
 const ROUNDING: f32 = 1e-6;
+
+/// Sum of the host's multipliers below which nothing presses \[N\].
+const LEAST_N: f32 = 1e-3;
+/// Part of the sum of all normal forces' magnitudes that their sum has at least: what embraces the tool has no cone.
+const LEAST_PART: f32 = 0.5;
 
 /// What the rows say at a pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,6 +94,8 @@ pub struct ContactRows {
     anchor: [f32; MAX_ROWS],
     /// The host's anchors: how far tangents slipped between the state's pose and the frame's.
     told: [f32; MAX_ROWS],
+    /// What friction holds of all of it at the frame's pose; none where nothing rubs.
+    cone: Option<Cone>,
     /// What the last solve left; negative before a first one that may start from the host's multipliers.
     residual: f32,
 }
@@ -128,6 +136,7 @@ impl ContactRows {
         lambda: [0.0; MAX_ROWS],
         anchor: [0.0; MAX_ROWS],
         told: [0.0; MAX_ROWS],
+        cone: None,
         residual: 0.0,
     };
 
@@ -160,6 +169,7 @@ impl ContactRows {
             self.name(index, row);
         }
         self.scale_rows(rows);
+        self.cone = cone_of(rows);
         if body.curvature_per_m > 0.0 {
             self.bend(rows, body.curvature_per_m);
         }
@@ -254,6 +264,11 @@ impl ContactRows {
         self.count == 0
     }
 
+    /// What friction holds of all of it at the frame's pose; none where nothing rubs.
+    pub(super) fn cone(&self) -> Option<&Cone> {
+        self.cone.as_ref()
+    }
+
     /// Console time that they were solved for \[us\].
     pub fn console_time_us(&self) -> u64 {
         self.console_time_us
@@ -276,7 +291,7 @@ impl ContactRows {
     /// was solved for, beyond the frame's pose \[m\].
     pub fn replace(&mut self, fresh: &ContactRows, farthest: impl FnOnce(&Vec3) -> f32) {
         if fresh.is_empty() {
-            (self.count, self.touching) = (0, 0);
+            (self.count, self.touching, self.cone) = (0, 0, None);
             self.held = [0.0; 21];
             return;
         }
@@ -709,4 +724,31 @@ fn set(matrix: &mut [[f32; MAX_ROWS]; MAX_ROWS], i: usize, j: usize, value: f32)
     if let Some(row) = matrix.get_mut(i) {
         put(row, j, value);
     }
+}
+/// Cone of all contacts together by the host's multipliers, or by their number where none presses.
+fn cone_of(rows: &[Row]) -> Option<Cone> {
+    let sum = |weight: &dyn Fn(&Row) -> f32| {
+        let (mut friction, mut size, mut sum) = (0.0, 0.0, Vec3::zeros());
+        for row in rows {
+            friction = match row.kind {
+                RowKind::Normal { friction: own, .. } => max(friction, own),
+                RowKind::Smooth { .. } => friction,
+                RowKind::Tangent { .. } => continue,
+            };
+            let [x, y, z, ..] = row.jacobian;
+            let weight = weight(row);
+            size += weight;
+            sum += Vec3::new(x, y, z) * weight;
+        }
+        (friction, size, sum)
+    };
+    let by_force = sum(&|row| row.lambda_n);
+    let (friction, size, sum) = if by_force.1 > LEAST_N {
+        by_force
+    } else {
+        sum(&|_| 1.0)
+    };
+    let length = libm::sqrtf(dot(&sum, &sum));
+    let is_one = length > LEAST_PART * size && friction > 0.0;
+    is_one.then(|| Cone::new(sum * (1.0 / length), friction, size / length))
 }
