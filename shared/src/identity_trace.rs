@@ -1,4 +1,4 @@
-//! Thirteen thousand ticks that every console must answer with the same bits.
+//! Fifteen thousand ticks that every console must answer with the same bits.
 //!
 //! Entry point: [`run`]; what it must come to is in `tests/golden/identity-trace.txt`. The script drives a simulated console in lockstep
 //! through every mode, with two devices, with contact data that is ordinary, wild, stale or wrong, with a tool that rubs, and folds what
@@ -97,6 +97,7 @@ pub fn run<C: Lockstep>(console: &mut C) -> Result<IdentityTrace, TraceError<C::
     )?;
     driver.lose_contact()?;
     driver.stop_and_recover()?;
+    driver.tear_away()?;
     driver.rub(stages(FINE), &over_the_wall([0.0; JOINTS]), 1500)?;
     driver.feel_a_wall(
         stages(COARSE),
@@ -117,6 +118,7 @@ pub fn run<C: Lockstep>(console: &mut C) -> Result<IdentityTrace, TraceError<C::
     driver.press_hard()?;
     driver.lose_contact()?;
     driver.stop_and_recover()?;
+    driver.lose_counts()?;
     Ok(IdentityTrace {
         hash: driver.trace.value(),
         coverage: driver.coverage,
@@ -178,9 +180,9 @@ fn arm() -> DeviceDescription {
             fore_m: 0.19,
         },
         joints: [
-            joint(1e8, 0.3, 12.0, 0.006),
-            joint(-12_732.0, -0.3, 12.0, 0.006),
-            joint(1e8, 0.1, 12.0, 0.003),
+            joint(1e8, 0.3, 40.0, 0.006),
+            joint(-12_732.0, -0.3, 40.0, 0.006),
+            joint(1e8, 0.1, 40.0, 0.003),
         ],
         gravity_mass_kg: [0.0, 0.06, 0.04],
         max_force_n: 3.0,
@@ -611,36 +613,59 @@ impl<'a, C: Lockstep> Driver<'a, C> {
         Ok(())
     }
 
-    /// Every fault that comes over the wire, and out of it again.
+    /// The emergency stop, and out of it again.
     fn stop_and_recover(&mut self) -> Result<(), TraceError<C::Error>> {
-        let stop = [
-            Simulate::EmergencyStop(true),
-            Simulate::EmergencyStop(false),
-        ];
-        let jump = [
-            Simulate::EncoderOffset([0, 40_000_000, 0]),
-            Simulate::EncoderOffset([0; JOINTS]),
-        ];
-        let away = [
-            Simulate::EncoderOffset([i32::MAX, i32::MIN, 1_900_000_000]),
-            Simulate::EncoderOffset([0; JOINTS]),
-        ];
-        for [cause, end] in [stop, jump, away] {
+        let stop = Simulate::EmergencyStop(true);
+        self.stop(stop, Simulate::EmergencyStop(false))
+    }
+
+    /// A hand that is too fast, there and back: a fault that lets the weight down, and out of it again.
+    fn tear_away(&mut self) -> Result<(), TraceError<C::Error>> {
+        for far_m in [0.16, -0.16, 0.16] {
             self.command(Command::Arm)?;
-            let contact = self.wall();
-            self.contact(&contact)?;
-            self.ticks(15)?;
-            self.simulate(cause)?;
-            self.ticks(5)?;
-            self.command(Command::ClearFault)?;
-            self.command(Command::Arm)?;
-            self.ticks(5)?;
-            self.simulate(end)?;
-            self.ticks(5)?;
+            self.ticks(120)?;
+            let [x, y, z]: [f32; 3] = self.position().into();
+            let mut hand = over_the_wall([0.0; JOINTS]);
+            hand.stiffness_n_per_m = 2000.0;
+            hand.damping_n_s_per_m = 20.0;
+            hand.count = 3;
+            let points = [(0.0, y), (0.02, y), (0.191, y + far_m)];
+            for (slot, (time_s, y)) in hand.way_points.iter_mut().zip(points) {
+                let position_m = [x, y, z];
+                *slot = WayPoint { time_s, position_m };
+            }
+            self.simulate(Simulate::Hand(hand))?;
+            self.ticks(250)?;
             self.command(Command::ClearFault)?;
             self.ticks(2)?;
         }
         Ok(())
+    }
+
+    /// Encoders that jump, and out of reach: faults that no order clears, so they come last.
+    fn lose_counts(&mut self) -> Result<(), TraceError<C::Error>> {
+        let back = Simulate::EncoderOffset([0; JOINTS]);
+        for off in [[0, 40_000_000, 0], [i32::MAX, i32::MIN, 1_900_000_000]] {
+            self.stop(Simulate::EncoderOffset(off), back)?;
+        }
+        Ok(())
+    }
+
+    /// A cause, and its end, with orders that arm in between and after it.
+    fn stop(&mut self, cause: Simulate, end: Simulate) -> Result<(), TraceError<C::Error>> {
+        self.command(Command::Arm)?;
+        let contact = self.wall();
+        self.contact(&contact)?;
+        self.ticks(15)?;
+        self.simulate(cause)?;
+        self.ticks(5)?;
+        self.command(Command::ClearFault)?;
+        self.command(Command::Arm)?;
+        self.ticks(5)?;
+        self.simulate(end)?;
+        self.ticks(5)?;
+        self.command(Command::ClearFault)?;
+        self.ticks(2)
     }
 
     /// Nothing moves until every filter has run out, through the smallest numbers there are.

@@ -79,7 +79,8 @@ pub(super) struct FaultSection {
     pub host_killed: Option<HostKilled>,
     pub console_reset: Option<Nothing>,
     pub emergency_stop: Option<Nothing>,
-    pub encoder_jump: Option<EncoderJump>,
+    pub encoder_jump: Option<EncoderCounts>,
+    pub encoder_burst: Option<EncoderCounts>,
 
     pub zero_within_ms: Option<Number>,
     pub recovers_within_ms: Option<Number>,
@@ -184,7 +185,7 @@ pub(super) struct HostKilled {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct EncoderJump {
+pub(super) struct EncoderCounts {
     pub counts: Spanned<[i32; 3]>,
 }
 

@@ -61,7 +61,10 @@ impl Scenario {
         let simulated = |fault: &Fault| {
             matches!(
                 fault.kind,
-                FaultKind::EmergencyStop | FaultKind::EncoderJump { .. } | FaultKind::ConsoleReset
+                FaultKind::EmergencyStop
+                    | FaultKind::EncoderJump(_)
+                    | FaultKind::EncoderBurst(_)
+                    | FaultKind::ConsoleReset
             )
         };
         if self.hand.is_some() || self.host.world.is_tissue() {
@@ -219,6 +222,8 @@ pub enum FaultKind {
     EmergencyStop,
     /// So many counts more on every encoder.
     EncoderJump([i32; 3]),
+    /// So many counts more on every encoder in every tick; they stay.
+    EncoderBurst([i32; 3]),
 }
 
 /// What a line does to frames.

@@ -217,6 +217,9 @@ impl Check<'_> {
         if let Some(s) = &section.encoder_jump {
             kinds.push(FaultKind::EncoderJump(*s.counts.get_ref()));
         }
+        if let Some(s) = &section.encoder_burst {
+            kinds.push(FaultKind::EncoderBurst(*s.counts.get_ref()));
+        }
         Ok(kinds)
     }
 }

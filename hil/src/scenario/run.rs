@@ -177,6 +177,13 @@ impl Bench<'_> {
                     *over = now;
                 }
             }
+            if let FaultKind::EncoderBurst(counts) = fault.kind
+                && (fault.at..fault.until).contains(&now)
+            {
+                let ticks = i32::try_from(now - fault.at + 1).unwrap_or(i32::MAX);
+                let off = counts.map(|counts| counts.saturating_mul(ticks));
+                self.line.inject(now, &Simulate::EncoderOffset(off));
+            }
         }
         Ok(())
     }
@@ -200,7 +207,8 @@ impl Bench<'_> {
                 every,
                 wrong_schema,
             } => self.stranger = Some(Stranger::new(every, wrong_schema, self.now)),
-            FaultKind::Line(..)
+            FaultKind::EncoderBurst(_)
+            | FaultKind::Line(..)
             | FaultKind::Tamper(_)
             | FaultKind::Replay(_)
             | FaultKind::Flood(..) => {}

@@ -1,6 +1,7 @@
 //! Everything that takes the torque off: on the pins at once, in the state of the next tick with the right fault.
 
 use super::{Bench, DARK, NO_CURRENT, On};
+use sutura_hil::board_image::reset;
 use sutura_shared::wire::faults;
 use sutura_shared::wire::message::{Command, Mode};
 
@@ -217,13 +218,47 @@ pub(super) fn an_encoder_that_jumps_is_a_fault(on: On) {
     bench.say_speed("an encoder that jumps");
 }
 
+on_each_board!(a_burst_of_counts_is_a_fault);
+/// 300 counts in each of five ticks, 1.5 m/s: no faster than the joint, and the place would be off by 7.5 mm.
+pub(super) fn a_burst_of_counts_is_a_fault(on: On) {
+    let mut bench = Bench::start(on);
+    bench.push();
+    bench.board.chip().lines.encoder_counts[2] -= 300;
+    fault(&mut bench, faults::ENCODER_JUMP);
+    bench.say_speed("a burst of counts");
+}
+
+on_each_board!(lost_counts_are_a_fault_until_a_reset_which_takes_a_new_origin);
+/// Neither orders nor a new session arm it; after a reset the grip is at the origin, where it stands.
+pub(super) fn lost_counts_are_a_fault_until_a_reset_which_takes_a_new_origin(on: On) {
+    let mut bench = Bench::start(on);
+    bench.push();
+    bench.board.chip().lines.encoder_counts[0] += 500;
+    fault(&mut bench, faults::ENCODER_JUMP);
+    for order in [Command::ClearFault, Command::Arm] {
+        bench.say(&order);
+        let state = bench.tick();
+        let expected = (Mode::Fault, faults::ENCODER_JUMP);
+        assert_eq!((state.mode, state.faults), expected, "{order:?}");
+    }
+    let mut board = bench.board;
+    board
+        .boot_again(reset::PIN)
+        .unwrap_or_else(|e| panic!("{e}"));
+    let mut bench = Bench::of(on, board);
+    bench.open();
+    bench.arm();
+    assert_eq!(bench.tick().position_m, [0.0; 3]);
+    bench.say_speed("lost counts");
+}
+
 on_each_board!(a_grip_that_is_too_fast_is_a_fault);
 pub(super) fn a_grip_that_is_too_fast_is_a_fault(on: On) {
     let mut bench = Bench::start(on);
     bench.push();
     // 1.75 m/s, of 1.5 that a grip may do, for five ticks.
-    let fault = (0..20).find_map(|_| {
-        bench.board.chip().lines.encoder_counts[0] += 350;
+    let fault = (0..20).find_map(|tick| {
+        bench.board.chip().lines.encoder_counts[0] += if tick == 0 { 175 } else { 350 };
         let state = bench.tick();
         (state.mode == Mode::Fault).then_some(state.faults)
     });

@@ -66,6 +66,8 @@ checks! {
         guards::ticks_that_take_longer_than_their_period_are_a_fault_in_the_third: overrun;
         guards::periods_that_an_interrupt_swallowed_are_counted: lost_periods swallowed_ticks;
         guards::an_encoder_that_jumps_is_a_fault: encoder_jump;
+        guards::a_burst_of_counts_is_a_fault: encoder_burst;
+        guards::lost_counts_are_a_fault_until_a_reset_which_takes_a_new_origin: restart;
         guards::a_grip_that_is_too_fast_is_a_fault: overspeed;
         guards::encoders_out_of_reach_are_a_fault: out_of_reach;
         link::a_flooded_line_costs_no_tick_and_no_watchdog: link_masked room_for_orders;

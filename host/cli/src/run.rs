@@ -30,7 +30,8 @@ use sutura_host::recording::{Tap, TappedConsole, TappedPort, TappedSolver};
 use sutura_host::scene::{LONGEST_S, Scene, Tissue, host_hz};
 use sutura_host::session::{
     self, Attendant, EndingKind, Line, Plan, PlanError, Progress, SceneSolver, Scheduling,
-    SessionError, Solve, Summary, UNSENDABLE, check_rate, run_lockstep, run_real_time,
+    SessionError, Solve, Summary, UNSENDABLE, check_rate, needs_restart, run_lockstep,
+    run_real_time,
 };
 use sutura_host::wound::Overlap;
 use sutura_shared::control::TICK_HZ;
@@ -641,15 +642,22 @@ pub fn link_failure(error: LinkError) -> Failure {
     Failure::say(cause, error.to_string(), error.help())
 }
 
+/// Way out of a fault that no order clears.
+const RESTART: &str = "check the encoders' cables, put the grip where the console's origin is, and restart the console: --clear-fault does not help";
+
 /// A failed session with its exit code and the next step.
 pub fn session_failure(error: SessionError, console: &str) -> Failure {
     let message = error.to_string();
     match error {
         SessionError::Link(error) => link_failure(error),
-        SessionError::Fault { .. } => Failure::say(
+        SessionError::Fault { faults } => Failure::say(
             Cause::Fault,
             message,
-            "remove the cause (is the emergency stop pressed?), then run again with --clear-fault",
+            if needs_restart(&faults) {
+                RESTART
+            } else {
+                "remove the cause (is the emergency stop pressed?), then run again with --clear-fault"
+            },
         ),
         SessionError::OtherDevice { console, .. } => Failure::say(
             Cause::BadInput,
@@ -701,7 +709,11 @@ fn verdict(args: &RunArgs, summary: &Summary) -> Result<(), Failure> {
     match summary.ending.kind {
         EndingKind::Fault => {
             let message = format!("the console is in a latched fault: {why}");
-            let help = "remove the cause, then run again with --clear-fault";
+            let help = if needs_restart(&summary.faults) {
+                RESTART
+            } else {
+                "remove the cause, then run again with --clear-fault"
+            };
             return Err(Failure::say(Cause::Fault, message, help).after_summary());
         }
         kind if kind.is_untrusted() => {

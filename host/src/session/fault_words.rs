@@ -4,7 +4,7 @@
 
 use sutura_shared::wire::faults::{
     AMPLIFIER, BOARD, E_STOP, ENCODER_JUMP, NAMES, NOT_FINITE, OUT_OF_REACH, OVERRUN, OVERSPEED,
-    SUPPLY, TIME_BASE, names,
+    SUPPLY, TIME_BASE, UNTIL_RESTART, names,
 };
 
 /// Names of the faults that are set, in the order of the bits, and behind them the bits that this host does not know, as a number: `0x400`.
@@ -13,6 +13,11 @@ pub fn fault_names(bits: u16) -> Vec<String> {
     let unknown = Some(bits & !known).filter(|bits| *bits != 0);
     let number = unknown.map(|bits| format!("{bits:#x}"));
     names(bits).map(str::to_owned).chain(number).collect()
+}
+
+/// Whether one of these faults, by name, ends with a restart of the console alone.
+pub fn needs_restart(faults: &[String]) -> bool {
+    names(UNTIL_RESTART).any(|name| faults.iter().any(|fault| fault == name))
 }
 
 /// The faults' names in a sentence; a console may be in a latched fault and name none.
@@ -35,8 +40,8 @@ pub fn fault_words(bit: u16) -> (&'static str, &'static str) {
             "this is a defect: please report it with a recording; then clear the fault",
         ),
         ENCODER_JUMP => (
-            "an encoder moved faster than the device can",
-            "check the encoder's cable and connector, and clear the fault",
+            "an encoder moved, or changed its speed, faster than the device can",
+            "check the encoder's cable and connector, and restart the console where its origin is: clearing does not help, the place is lost",
         ),
         OVERRUN => (
             "three control ticks in a row took longer than their period",
@@ -89,6 +94,20 @@ mod tests {
     fn a_fault_without_bits_has_words() {
         assert_eq!(said(&[]), "it does not say which");
         assert_eq!(said(&fault_names(E_STOP | SUPPLY)), "e_stop, supply");
+    }
+
+    /// Nobody is told to clear what clearing leaves.
+    #[test]
+    fn lost_counts_need_a_restart_and_say_so() {
+        for (bit, name) in NAMES {
+            let (_, help) = fault_words(bit);
+            let restarts = bit & UNTIL_RESTART != 0;
+            assert_eq!(needs_restart(&fault_names(bit)), restarts, "{name}");
+            assert_eq!(help.contains("restart the console"), restarts, "{help}");
+            assert!(!(restarts && help.contains("clear the fault")), "{help}");
+        }
+        assert!(needs_restart(&fault_names(E_STOP | ENCODER_JUMP)));
+        assert!(!needs_restart(&[]));
     }
 
     /// A newer console's fault is never a fault without a name.

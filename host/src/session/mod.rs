@@ -43,7 +43,7 @@ pub use chosen::{Candidate, Chosen, StepUs};
 pub use contact_frame::{contact_frame, pack_symmetric};
 pub use ending::{Ending, EndingKind};
 pub use error::SolveError;
-pub use fault_words::{fault_names, fault_words};
+pub use fault_words::{fault_names, fault_words, needs_restart};
 pub use heard::{Fate, Underway};
 pub use horizon::Horizon;
 pub use limited::{ConsoleLimits, LimitedTicks};

@@ -154,6 +154,7 @@ fn a_bar_fails_without_its_guard() {
         ("horizon", "force N at the end of an outage"),
         ("emergency_stop", "force N after a stop"),
         ("encoder_jump", "force N after a stop"),
+        ("encoder_burst", "force N after a stop"),
         ("disarm", "force N after a stop"),
     ] {
         let specs: Vec<Spec> = cheap

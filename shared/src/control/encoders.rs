@@ -3,8 +3,10 @@
 //! Entry point: [`Encoders::read`].
 
 use super::TICK_S;
+use super::tuning::Guards;
 use super::velocity::Velocity;
-use crate::device::{DeviceDescription, JOINTS};
+use crate::device::{DeviceDescription, JOINTS, Kinematics};
+use crate::math::max;
 
 /// What the encoders say in one tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,7 +17,7 @@ pub(super) struct Joints {
     pub velocity: [f32; JOINTS],
     /// Change of the coordinates since the last tick, (3); 0 after a jump.
     pub moved: [f32; JOINTS],
-    /// Whether a joint moved faster than the device can.
+    /// Whether a joint moved faster than the device can, or changed its pace faster than anything does.
     pub jumped: bool,
 }
 
@@ -28,6 +30,10 @@ struct Encoder {
     unit_per_count: f32,
     /// Largest believable change in one tick \[counts\].
     max_counts: u32,
+    /// Largest believable change of that change from one tick to the next \[counts\].
+    max_change: f32,
+    /// Change at the last reading \[counts per tick\]; not a number where there was none, which compares with nothing.
+    pace: f32,
     velocity: Velocity,
 }
 
@@ -37,21 +43,50 @@ pub(super) struct Encoders {
     joints: [Encoder; JOINTS],
     /// Counts of the last tick; none at the start.
     previous: Option<[i32; JOINTS]>,
+    /// Ticks between the last two readings.
+    passed: u32,
+}
+
+/// Largest acceleration of the grip that is believed \[m/s^2\]: ten times what a hand or the motors do, and a stage that is
+/// stopped at its end from 1 m/s.
+const MAX_ACCELERATION: f32 = 1000.0;
+/// Smallest bound on a change of pace \[counts\]: quantisation alone makes one of two.
+const LEAST_CHANGE: f32 = 2.0;
+
+/// Largest believable acceleration of each joint \[unit/s^2\]: that of the grip over the joint's longest lever.
+fn max_accelerations(device: &DeviceDescription) -> [f32; JOINTS] {
+    let levers = match device.kinematics {
+        Kinematics::Cartesian { .. } => [1.0; JOINTS],
+        Kinematics::SerialArm {
+            upper_m, fore_m, ..
+        } => [upper_m + fore_m, upper_m + fore_m, fore_m],
+    };
+    levers.map(|lever| MAX_ACCELERATION / lever)
 }
 
 impl Encoders {
-    pub fn new(device: &DeviceDescription) -> Self {
-        let joints = device.joints.map(|joint| Encoder {
+    pub fn new(device: &DeviceDescription, guards: Guards) -> Self {
+        let mut joints = device.joints.map(|joint| Encoder {
             zero_counts: joint.zero_counts,
             unit_per_count: 1.0 / joint.counts_per_unit,
             // One more for the quantisation.
             max_counts: ((joint.max_speed_per_s * TICK_S * joint.counts_per_unit.abs()) as u32)
                 .saturating_add(1),
+            max_change: TICK_S * TICK_S * joint.counts_per_unit.abs(),
+            pace: f32::NAN,
             velocity: Velocity::default(),
         });
+        for (joint, most) in joints.iter_mut().zip(max_accelerations(device)) {
+            joint.max_change = if guards.encoder_burst {
+                max(joint.max_change * most, LEAST_CHANGE)
+            } else {
+                f32::INFINITY
+            };
+        }
         Encoders {
             joints,
             previous: None,
+            passed: 1,
         }
     }
 
@@ -60,6 +95,7 @@ impl Encoders {
         self.previous = None;
         for joint in &mut self.joints {
             joint.velocity = Velocity::default();
+            joint.pace = f32::NAN;
         }
     }
 
@@ -75,6 +111,11 @@ impl Encoders {
         let mut velocity = [0.0; JOINTS];
         let mut ways = [0.0; JOINTS];
         let mut jumped = false;
+        let known = self.previous.is_some();
+        let per_tick = 1.0 / ticks as f32;
+        // Between the middles of the two spans whose paces are compared.
+        let apart = 0.5 * (ticks + self.passed) as f32;
+        self.passed = ticks;
         let steps = counts.iter().zip(&previous);
         let outputs = position.iter_mut().zip(&mut velocity).zip(&mut ways);
         for ((joint, (now, before)), ((q, speed), way)) in
@@ -83,6 +124,11 @@ impl Encoders {
             *q = now.wrapping_sub(joint.zero_counts) as f32 * joint.unit_per_count;
             let moved = now.wrapping_sub(*before);
             jumped |= moved.unsigned_abs() > joint.max_counts.saturating_mul(ticks);
+            if known {
+                let pace = moved as f32 * per_tick;
+                jumped |= (pace - joint.pace).abs() > joint.max_change * apart;
+                joint.pace = pace;
+            }
             for _ in 1..ticks {
                 joint.velocity.coast();
             }
@@ -107,10 +153,14 @@ impl Encoders {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::device::{Joint, Kinematics};
+    use crate::device::Joint;
 
     /// 10 um per count, backwards on joint 1; at most 2 m/s: 200 counts in a tick, and one.
     fn encoders() -> Encoders {
+        Encoders::new(&device(), Guards::ALL)
+    }
+
+    fn device() -> DeviceDescription {
         let joint = |counts_per_unit| Joint {
             counts_per_unit,
             zero_counts: 50,
@@ -122,7 +172,7 @@ mod tests {
             damping: 0.0,
             coulomb: 0.0,
         };
-        Encoders::new(&DeviceDescription {
+        DeviceDescription {
             name: [0; 16],
             kinematics: Kinematics::Cartesian { origin_m: [0.0; 3] },
             joints: [joint(1e5), joint(-1e5), joint(1e5)],
@@ -131,7 +181,7 @@ mod tests {
             max_power_w: 1e3,
             max_grip_speed_m_per_s: 10.0,
             actuation_delay_us: 0,
-        })
+        }
     }
 
     /// A valid description of a tiny, very fast arm: its limit is beyond what counts can tell.
@@ -163,7 +213,7 @@ mod tests {
             actuation_delay_us: 0,
         };
         assert_eq!(device.validate(), Ok(()));
-        let mut encoders = Encoders::new(&device);
+        let mut encoders = Encoders::new(&device, Guards::ALL);
         encoders.read(&[0; JOINTS], 1);
         assert!(!encoders.read(&[1_000_000; JOINTS], 1).jumped);
     }
@@ -200,12 +250,77 @@ mod tests {
         for (counts, jumped) in [(201, false), (202, true), (-201, false), (-202, true)] {
             let mut encoders = encoders();
             encoders.read(&[0; 3], 1);
+            // The first motion after a start has none before it to be compared with.
             let joints = encoders.read(&[0, counts, 0], 1);
             assert_eq!(joints.jumped, jumped, "{counts}");
             assert_eq!(joints.velocity == [0.0; 3], jumped);
             assert_eq!(joints.moved == [0.0; 3], jumped);
-            // From there on it is believed again.
-            assert!(!encoders.read(&[0, counts, 0], 1).jumped);
+            // From there on it is believed again: at its pace.
+            let on = if jumped { counts } else { 2 * counts };
+            assert!(!encoders.read(&[0, on, 0], 1).jumped);
+        }
+    }
+
+    /// 1,000 m/s^2 are 100 counts a tick from one tick to the next, either way, and at any speed.
+    #[test]
+    fn a_change_of_pace_is_a_jump_beyond_a_thousand_metres_per_second_squared() {
+        for pace in [0, 50, -90] {
+            for (change, jumped) in [(100, false), (101, true), (-100, false), (-101, true)] {
+                let mut encoders = encoders();
+                let read =
+                    |encoders: &mut Encoders, at: i32| encoders.read(&[at, 0, -at], 1).jumped;
+                for tick in 0..3 {
+                    assert!(!read(&mut encoders, pace * tick));
+                }
+                let at = 3 * pace + change;
+                assert_eq!(read(&mut encoders, at), jumped, "{pace} {change}");
+                assert!(!read(
+                    &mut encoders,
+                    at + if jumped { 0 } else { pace + change }
+                ));
+            }
+        }
+    }
+
+    /// A motion whose tick was swallowed is a steady one, and one read a tick late has had longer to change.
+    #[test]
+    fn paces_are_compared_over_the_ticks_that_passed() {
+        // 90 a tick throughout.
+        let mut steady = encoders();
+        for (at, ticks) in [(0, 1), (90, 1), (450, 4), (540, 1)] {
+            assert!(!steady.read(&[at, 0, 0], ticks).jumped, "{at}");
+        }
+        // Three readings whose middles are two ticks apart: at most 200 counts a tick more.
+        for (change, jumped) in [(195, false), (200, false), (201, true)] {
+            let mut encoders = encoders();
+            encoders.read(&[0; 3], 1);
+            encoders.read(&[0; 3], 1);
+            let read = encoders.read(&[3 * change, 0, 0], 3);
+            assert_eq!(read.jumped, jumped, "{change}");
+        }
+    }
+
+    /// A turning joint goes by its longest lever, and one whose counts are coarse may go from one to none.
+    #[test]
+    fn levers_and_coarse_counts_are_allowed_for() {
+        let mut device = DeviceDescription {
+            kinematics: Kinematics::SerialArm {
+                shoulder_m: [0.0; 3],
+                upper_m: 0.3,
+                fore_m: 0.2,
+            },
+            ..device()
+        };
+        let most = Encoders::new(&device, Guards::ALL)
+            .joints
+            .map(|j| j.max_change);
+        for (found, expected) in most.into_iter().zip([200.0, 200.0, 500.0]) {
+            assert!((found - expected).abs() < 1e-3, "{most:?}");
+        }
+        device.joints[2].counts_per_unit = 100.0;
+        let mut encoders = Encoders::new(&device, Guards::ALL);
+        for at in [0, 1, 1, 2, 1, 2, 2] {
+            assert!(!encoders.read(&[0, 0, at], 1).jumped);
         }
     }
 
@@ -218,9 +333,5 @@ mod tests {
         assert!((joints.moved[0] - 1e-3).abs() < 1e-8 && joints.velocity[0] > 0.4);
         // The greatest jump there is.
         assert!(encoders.read(&[i32::MIN + 49, i32::MIN, 0], 1).jumped);
-    }
-
-    fn max(a: f32, b: f32) -> f32 {
-        crate::math::max(a, b)
     }
 }

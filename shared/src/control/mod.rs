@@ -74,7 +74,7 @@ pub const LOST_AFTER_US: u32 = 500_000;
 ///
 /// Raised by one with every change of the bits that a console computes, that is with every hash that is added to
 /// `tests/golden/identity-trace.txt`; a test compares the two. Changes that no bit shows, as of speed or size, leave it.
-pub const CODE: u32 = 7;
+pub const CODE: u32 = 8;
 
 /// Longest time between two ticks whose motion is believed \[ticks\].
 const MOST_SWALLOWED: u64 = 10;
@@ -247,7 +247,7 @@ impl Control {
     pub fn tuned(device: DeviceDescription, tuning: Tuning) -> Result<Control, DeviceError> {
         device.validate()?;
         Ok(Control {
-            encoders: Encoders::new(&device),
+            encoders: Encoders::new(&device, tuning.guards),
             render: new_render(&device, tuning),
             needle: None,
             thread: None,
@@ -368,7 +368,7 @@ impl Control {
             return false;
         }
         self.device = *device;
-        self.encoders = Encoders::new(device);
+        self.encoders = Encoders::new(device, self.tuning.guards);
         self.drive = Drive::new(device);
         self.limits = Limits::new(device, self.tuning.guards);
         self.passivity = Passivity::new(device, self.tuning.guards);

@@ -73,7 +73,7 @@ pub(super) struct Faults {
 const MAX_OVERRUNS: u32 = 3;
 
 impl Faults {
-    /// Latches the causes of this tick. `clear` first forgets everything that is not present any more.
+    /// Latches the causes of this tick. `clear` first forgets everything that is not present any more, but for lost counts.
     pub fn latch(&mut self, causes: u16, overrun: bool, clear: bool) {
         self.overruns = if overrun {
             self.overruns.saturating_add(1)
@@ -81,7 +81,11 @@ impl Faults {
             0
         };
         if clear || !stands("faults_stay") {
-            self.latched = 0;
+            self.latched &= if stands("restart") {
+                faults::UNTIL_RESTART
+            } else {
+                0
+            };
         }
         self.latched |= causes;
         if self.overruns >= MAX_OVERRUNS && stands("overrun") {

@@ -56,6 +56,8 @@ pub struct Guards {
     pub emergency_stop: bool,
     /// An encoder that moves faster than the device can is a fault.
     pub encoder_jump: bool,
+    /// An encoder that changes its pace faster than anything moves is a fault.
+    pub encoder_burst: bool,
     /// A new session disarms and forgets.
     pub disarm: bool,
 }
@@ -81,11 +83,12 @@ impl Guards {
         rubs: true,
         emergency_stop: true,
         encoder_jump: true,
+        encoder_burst: true,
         disarm: true,
     };
 
     /// Their names.
-    pub const NAMES: [&str; 19] = [
+    pub const NAMES: [&str; 20] = [
         "blend",
         "trust",
         "lead",
@@ -104,6 +107,7 @@ impl Guards {
         "rubs",
         "emergency_stop",
         "encoder_jump",
+        "encoder_burst",
         "disarm",
     ];
 
@@ -128,6 +132,7 @@ impl Guards {
             "rubs" => &mut self.rubs,
             "emergency_stop" => &mut self.emergency_stop,
             "encoder_jump" => &mut self.encoder_jump,
+            "encoder_burst" => &mut self.encoder_burst,
             "disarm" => &mut self.disarm,
             _ => return false,
         };

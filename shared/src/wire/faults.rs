@@ -1,4 +1,4 @@
-//! Fault bits of [`State::faults`](super::message::State::faults), latched until the host clears them.
+//! Fault bits of [`State::faults`](super::message::State::faults), latched until the host clears them, or the console restarts: [`UNTIL_RESTART`].
 //!
 //! A bit keeps its meaning for ever; the host shows bits that it does not know by number.
 
@@ -6,7 +6,7 @@
 pub const E_STOP: u16 = 1 << 0;
 /// A computed force or current was not finite.
 pub const NOT_FINITE: u16 = 1 << 1;
-/// An encoder moved faster than the device can.
+/// An encoder moved faster than the device can, or changed its pace by more than 1,000 m/s^2 at the grip.
 pub const ENCODER_JUMP: u16 = 1 << 2;
 /// Three ticks in a row took longer than their period.
 pub const OVERRUN: u16 = 1 << 3;
@@ -23,6 +23,10 @@ pub const TIME_BASE: u16 = 1 << 7;
 pub const AMPLIFIER: u16 = 1 << 8;
 /// A supply is, or was, too low, or the motors' too high or not to be measured. [`BOARD`] is set beside it.
 pub const SUPPLY: u16 = 1 << 9;
+
+/// Faults that no order clears: counts may be lost, and with them the place. Only a restart takes the pose that it finds for the
+/// origin, and arms again.
+pub const UNTIL_RESTART: u16 = ENCODER_JUMP;
 
 /// Every fault that this version knows, with the name that users see.
 pub const NAMES: [(u16, &str); 10] = [

@@ -22,6 +22,7 @@ use sutura_host::link::Order;
 use sutura_host::scene::{Tissue, joints_at};
 use sutura_host::session::{Instruction, Plan, Steer, Steered, Stop, Tuning};
 use sutura_host::tool::Act;
+use sutura_shared::wire::faults;
 use sutura_shared::wire::message::{Command as ToConsole, HandScript, Mode, Simulate};
 use sutura_view::{Command, Hand, Reply, Request, SetTo};
 
@@ -236,7 +237,13 @@ impl<'a> Helm<'a> {
         match command {
             Command::SafeStop => self.safe_stop(Stopper::of(&reply), now, instructions),
             Command::Arm | Command::TakeOut if now.state.mode == Mode::Fault => {
-                return reply.refuse("the console is in a latched fault", "clear the fault first");
+                let restarts = now.state.faults & faults::UNTIL_RESTART != 0;
+                let help = if restarts {
+                    "restart the console where its origin is"
+                } else {
+                    "clear the fault first"
+                };
+                return reply.refuse("the console is in a latched fault", help);
             }
             Command::Arm => {
                 self.leaving = None;
@@ -264,6 +271,12 @@ impl<'a> Helm<'a> {
                         .leaving
                         .map(|(ends, _)| Until::Tick(ends + TICKS_TO_OBEY));
                 }
+            }
+            Command::ClearFault if now.state.faults & faults::UNTIL_RESTART != 0 => {
+                return reply.refuse(
+                    "an encoder has lost its place, and clearing does not bring it back",
+                    "restart the console where its origin is",
+                );
             }
             Command::ClearFault => self.order(ToConsole::ClearFault, now, instructions),
             Command::Drag(Some(_)) | Command::Hand(_) if !moves => {

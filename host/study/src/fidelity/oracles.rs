@@ -68,6 +68,7 @@ const PLAIN: Tuning = Tuning {
         rubs: false,
         emergency_stop: false,
         encoder_jump: false,
+        encoder_burst: false,
         disarm: false,
     },
 };

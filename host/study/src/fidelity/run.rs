@@ -225,13 +225,14 @@ pub fn run(setup: &Setup<'_>) -> Result<Record, DeviceError> {
         {
             control.open_session();
         }
+        let since_s = stop.map_or(0.0, |(at_s, _)| time_s - at_s);
         let stop = stop.map(|(_, stop)| stop);
         let counts = plant.counts();
         let read_m = counts.map(|count| f64::from(count) / setup.mechanics.counts_per_m);
         let fresh = host.arrives(time_s, &mut control);
         let input = TickInput {
             now_us,
-            encoder_counts: Stop::counts(stop, counts),
+            encoder_counts: Stop::counts(stop, since_s, counts),
             emergency_stop: stop == Some(Stop::Pressed),
             ..TickInput::default()
         };

@@ -16,17 +16,20 @@ pub enum Stop {
     Pressed,
     /// An encoder says from now on that the grip is 6 mm deeper: 6 m/s.
     Jump,
+    /// An encoder counts 98 too many in each of five ticks: 1.2 m/s, from one tick to the next.
+    Burst,
     /// A host opens a session, and does not arm.
     Session,
 }
 
 /// All of them.
-pub const STOPS: [Stop; 3] = [Stop::Pressed, Stop::Jump, Stop::Session];
+pub const STOPS: [Stop; 4] = [Stop::Pressed, Stop::Jump, Stop::Burst, Stop::Session];
 /// When \[s\], and after what time no force may be left \[s\]: amplifiers need a few ticks.
 pub const STOPS_AT_S: f64 = 1.0;
 const GONE_AFTER_S: f64 = 0.01;
 /// What the encoder is off \[counts\].
 const JUMP: i32 = 500;
+const BURST: (i32, f64) = (98, 5.0);
 
 impl Stop {
     /// As tables print it.
@@ -34,15 +37,22 @@ impl Stop {
         match self {
             Stop::Pressed => "emergency-stop",
             Stop::Jump => "encoder-jump",
+            Stop::Burst => "encoder-burst",
             Stop::Session => "new-session",
         }
     }
 
-    /// What the encoders say while they should say `counts`, (3).
-    pub(super) fn counts(stop: Option<Stop>, mut counts: [i32; JOINTS]) -> [i32; JOINTS] {
-        if stop == Some(Stop::Jump) {
-            counts[2] -= JUMP;
-        }
+    /// Readings of the encoders, so long after the stop \[s\], while they should say `counts`, (3).
+    pub(super) fn counts(
+        stop: Option<Stop>,
+        since_s: f64,
+        mut counts: [i32; JOINTS],
+    ) -> [i32; JOINTS] {
+        counts[2] -= match stop {
+            Some(Stop::Jump) => JUMP,
+            Some(Stop::Burst) => BURST.0 * (since_s * 1e3 + 1.0).round().min(BURST.1) as i32,
+            _ => 0,
+        };
         counts
     }
 

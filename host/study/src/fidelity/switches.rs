@@ -9,7 +9,7 @@ use sutura_host::session::Horizon;
 use sutura_shared::control::Guards;
 
 /// Names of guards, and whether each is on.
-pub fn guards_by_name(guards: &Guards) -> [(&'static str, bool); 19] {
+pub fn guards_by_name(guards: &Guards) -> [(&'static str, bool); 20] {
     [
         ("blend", guards.blend),
         ("trust", guards.trust),
@@ -29,6 +29,7 @@ pub fn guards_by_name(guards: &Guards) -> [(&'static str, bool); 19] {
         ("rubs", guards.rubs),
         ("emergency_stop", guards.emergency_stop),
         ("encoder_jump", guards.encoder_jump),
+        ("encoder_burst", guards.encoder_burst),
         ("disarm", guards.disarm),
     ]
 }
