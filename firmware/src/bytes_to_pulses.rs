@@ -220,8 +220,9 @@ fn run(seed: u32) -> (f32, f32) {
         let dice = &mut host.dice;
         if !is_alone {
             ready.set(dice.chance(0.9999));
+            // A change of pace of at most 190 counts: more is no motion.
             for counts in &mut encoder_counts {
-                *counts = counts.wrapping_add(dice.number(20.0, 250.0) as i32);
+                *counts = counts.wrapping_add(dice.number(20.0, 95.0) as i32);
             }
             if dice.chance(1e-4) {
                 encoder_counts = [0; 3].map(|_: i32| dice.number(1e3, 2e9) as i32);

@@ -18,6 +18,8 @@ const LETS_DOWN: u16 = faults::ENCODER_JUMP | faults::OUT_OF_REACH | faults::OVE
 /// A console, a host that opens its sessions, and what they did last.
 pub struct Bench {
     console: SimulatedConsole,
+    seed: u32,
+    tuning: Tuning,
     host: HostLink,
     before: Option<TickOutput>,
     /// Ticks since a fixture was rendered last.
@@ -62,15 +64,21 @@ fn device() -> DeviceDescription {
     }
 }
 
+fn at_boot(seed: u32, tuning: Tuning) -> SimulatedConsole {
+    SimulatedConsole::tuned(&device(), seed, tuning, Checks::ALL)
+        .unwrap_or_else(|error| panic!("the built-in device: {error}"))
+}
+
 impl Bench {
     /// A console at boot.
     ///
     /// # Panics
     /// If the built-in device is unusable.
     pub fn new(seed: u32, tuning: Tuning) -> Bench {
-        let console = SimulatedConsole::tuned(&device(), seed, tuning, Checks::ALL);
         Bench {
-            console: console.unwrap_or_else(|error| panic!("the built-in device: {error}")),
+            console: at_boot(seed, tuning),
+            seed,
+            tuning,
             host: HostLink::new(1000),
             before: None,
             without_fixture: 0,
@@ -82,7 +90,15 @@ impl Bench {
         }
     }
 
-    /// What the console has counted.
+    /// Switches the console off and on again.
+    pub fn restart(&mut self) {
+        self.seed = self.seed.wrapping_add(1);
+        self.console = at_boot(self.seed, self.tuning);
+        (self.host, self.session) = (HostLink::new(1000), 0);
+        (self.before, self.without_fixture, self.state) = (None, 0, None);
+    }
+
+    /// What the console has counted since it was switched on.
     pub fn counters(&self) -> Counters {
         self.console.counters()
     }

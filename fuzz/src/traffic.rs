@@ -12,7 +12,7 @@ use fastrand::Rng;
 use sutura_shared::control::Tuning;
 use sutura_shared::link::Counters;
 use sutura_shared::wire::message::{Command, Contact, Mode, Simulate};
-use sutura_shared::wire::{MAX_FRAME, Message, PROTOCOL_VERSION, Reject, encode};
+use sutura_shared::wire::{MAX_FRAME, Message, PROTOCOL_VERSION, Reject, encode, faults};
 
 /// Kind of a `Hello`.
 const HELLO: u8 = 1;
@@ -308,6 +308,10 @@ impl<'a> Traffic<'a> {
         let Some(state) = self.bench.state else {
             return;
         };
+        if state.faults & faults::UNTIL_RESTART != 0 {
+            self.bench.restart();
+            self.open();
+        }
         if !matches!(state.mode, Mode::Armed | Mode::Decaying) {
             self.good(&Simulate::EmergencyStop(false));
             self.good(&Simulate::EncoderOffset([0; 3]));

@@ -6,7 +6,7 @@ mod crossing;
 mod mesh_tests;
 
 pub use closed_mesh::{ClosedMesh, MOST_TRIANGLES};
-pub use crossing::crossing;
+pub use crossing::{Crossing, crossing};
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use schemars::JsonSchema;

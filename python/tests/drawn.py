@@ -142,6 +142,8 @@ class Draw:
             )
         if model == "hyperelastic" and self.chance(0.3):
             tissue["setting"] = "averaged cells, to 1e-3"
+        if model == "energy-balance-neo-hookean" and self.chance(0.5):
+            tissue["relaxation"] = {"share": self.near(0.1, 0.9), "time_s": self.near(0.05, 5.0)}
         scene["tissue"] = tissue
         return model
 

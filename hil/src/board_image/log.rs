@@ -6,7 +6,7 @@ use super::{BoardImage, BoardImageError, usb_host};
 
 /// Where variables are, and how many words are looked at for the mark of the probe's channels (SEGGER UM08001, 16.4).
 const VARIABLES: u32 = 0x2001_0000;
-const LOOKED_AT: u32 = 2048;
+const LOOKED_AT: u32 = 4096;
 /// `SEGG`, `ER R`.
 const MARK: [u32; 2] = [0x4747_4553, 0x5220_5245];
 /// Of the first channel from the mark on \[bytes\]: its buffer, size, and the offsets of what is written and read.

@@ -350,6 +350,7 @@ fn swing(bench: &mut Bench) {
 fn forces_that_no_tissue_has(bench: &mut Bench) {
     let mut random = fastrand::Rng::with_seed(11);
     let mut number = |most: f32| most * (2.0 * random.f32() - 1.0);
+    let mut pace = 0_i32;
     for tick in 0..160 {
         if tick % 2 == 0 {
             let push = [9.0, number(6.0), number(6.0)];
@@ -368,8 +369,10 @@ fn forces_that_no_tissue_has(bench: &mut Bench) {
             bench.say(&contact);
         }
         let [x, y, _] = &mut bench.board.chip().lines.encoder_counts;
-        let fro = tick / 40 % 2 == 1;
-        *x += if fro { -205 } else { 205 };
+        // It turns in three ticks: more at once is no motion.
+        let meant = if tick / 40 % 2 == 1 { -205 } else { 205 };
+        pace += (meant - pace).clamp(-150, 150);
+        *x += pace;
         *y += if tick / 20 % 2 == 1 { -30 } else { 30 };
         bench.tick();
     }

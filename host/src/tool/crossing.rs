@@ -9,9 +9,17 @@ use nalgebra::Vector3;
 /// Coordinates are no better than this part of the largest: a few bits of 32.
 const ROUNDING: f64 = 2e-7;
 
-/// The first two triangles, counted from 0, of which an edge of one goes through the other. Those that overlap in one plane are
-/// not looked for.
-pub fn crossing(surface: &TriangleMesh) -> Option<[usize; 2]> {
+/// Two triangles that go through each other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Crossing {
+    /// Counted from 0, ascending.
+    pub triangles: [usize; 2],
+    /// Where an edge of one goes through the other \[m\], (3).
+    pub at_m: [f64; 3],
+}
+
+/// The first two triangles of which an edge of one goes through the other. Those that overlap in one plane are not looked for.
+pub fn crossing(surface: &TriangleMesh) -> Option<Crossing> {
     let tree = Tree::new(surface.triangles.len() as u32, |triangle| {
         let corners = surface.corners(triangle as usize);
         corners.iter().fold(Bounds::NOTHING, |all, at| all.with(at))
@@ -19,21 +27,34 @@ pub fn crossing(surface: &TriangleMesh) -> Option<[usize; 2]> {
     let goes_through = |one: usize, other: usize| {
         let (names, face) = (surface.triangles[one], surface.triangles[other]);
         let (corners, across) = (surface.corners(one), surface.corners(other));
-        (0..3).any(|from| {
+        (0..3).find_map(|from| {
             let to = (from + 1) % 3;
             let has_common = face.contains(&names[from]) || face.contains(&names[to]);
-            !has_common && cuts(corners[from], corners[to], across)
+            let goes = !has_common && cuts(corners[from], corners[to], across);
+            goes.then(|| on_plane(corners[from], corners[to], across))
         })
     };
-    let mut first: Option<[usize; 2]> = None;
+    let mut first: Option<Crossing> = None;
     tree.own_pairs(|one, other| {
         let pair = [one.min(other) as usize, one.max(other) as usize];
         let [a, b] = pair;
-        if first.is_none_or(|first| pair < first) && (goes_through(a, b) || goes_through(b, a)) {
-            first = Some(pair);
+        if first.is_none_or(|first| pair < first.triangles)
+            && let Some(at) = goes_through(a, b).or_else(|| goes_through(b, a))
+        {
+            first = Some(Crossing {
+                triangles: pair,
+                at_m: at.into(),
+            });
         }
     });
     first
+}
+
+/// Point of a line that passes from one side of a triangle's plane to the other, on that plane.
+fn on_plane(from: Vector3<f64>, to: Vector3<f64>, [a, b, c]: [Vector3<f64>; 3]) -> Vector3<f64> {
+    let normal = (b - a).cross(&(c - a));
+    let [before, after] = [from, to].map(|end| (end - a).dot(&normal));
+    from.lerp(&to, before / (before - after))
 }
 
 /// Whether a line passes from one side of a triangle to the other within its edges, by the signs of volumes. Volumes that
@@ -123,8 +144,17 @@ mod tests {
         surface.points_m.extend(&other.points_m);
         let more = other.triangles.iter().map(|own| own.map(|point| point + 8));
         surface.triangles.extend(more);
-        let [one, other] = crossing(&surface).expect("crosses");
+        let Crossing {
+            triangles: [one, other],
+            at_m,
+        } = crossing(&surface).expect("crosses");
         assert!(one < 12 && other >= 12, "{one} {other}");
+        // On faces of both: of the first cube at 0 and 0.02, of the second at 0.015 and 0.035.
+        let within = at_m
+            .iter()
+            .all(|x| (0.015 - 1e-12..0.02 + 1e-12).contains(x));
+        let on = |face: f64| at_m.iter().any(|x| (x - face).abs() < 1e-12);
+        assert!(within && on(0.02) && on(0.015), "{at_m:?}");
         // A little apart they do not.
         let apart = |surface: &mut TriangleMesh, by: f64| {
             surface.points_m[8..]

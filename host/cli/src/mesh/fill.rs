@@ -177,9 +177,8 @@ fn read_surface(path: &Path, scale: f64) -> Result<(TriangleMesh, Repaired), Fai
     begin("looking where the surface crosses itself", || {
         size(&surface)
     });
-    if let Some([one, other]) = crossing(&surface) {
-        let corner = surface.triangles[one][0];
-        let [x, y, z] = surface.points_m[corner as usize];
+    if let Some(found) = crossing(&surface) {
+        let ([one, other], [x, y, z]) = (found.triangles, found.at_m);
         let filled = match repaired.filled_holes {
             0 => "",
             _ => " (or what fills a hole beside them)",
