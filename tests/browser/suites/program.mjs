@@ -480,8 +480,8 @@ async function slippedIn({ page, shot }) {
   await until(page, () => document.getElementById('slipped').hidden && window.sutura.hello.statuses[window.sutura.newest.status.word] === 'ok');
   check((await height()) > 0.014, `it is taken out to ${await height()} m`);
   check(!(await page.evaluate(() => window.sutura.instruments.outline.line.visible)), 'the ball is whole again');
-  // The session goes on: it presses as before.
-  await pressAgain(page);
+  // The session goes on: it presses as before, and stays there.
+  await ask({ do: 'drag', to_m: [0.003, 0.002, 0.006] });
   await until(page, () => window.sutura.telemetry.ticks.value('force_n', 1e9) > 1 && window.sutura.picture.contacts.vertices.length > 4);
   return `slipped in ${(1000 * deep).toFixed(1)} mm deep after ${seen.at(-1).felt.toFixed(2)} N at ${(1000 * seen.at(-1).depth).toFixed(1)} mm`;
 }
