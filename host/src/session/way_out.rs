@@ -32,6 +32,8 @@ pub struct WayOut {
     /// Nodes that are held, ascending.
     held: Vec<u32>,
     tool: Tool,
+    /// Where the hand begins with the grip, if the scene has one \[m\].
+    begins_m: Option<[f64; 3]>,
     /// Tools that stand still.
     others: Vec<Solid>,
 }
@@ -54,6 +56,10 @@ impl WayOut {
         });
         Some(Self {
             others: others.collect(),
+            begins_m: scene.hand.map(|hand| {
+                let [first, ..] = hand.way_points;
+                first.position_m.map(f64::from)
+            }),
             points_m: points_m.to_vec(),
             held: scene.fixed.clone(),
             tool,
@@ -62,8 +68,8 @@ impl WayOut {
     }
 
     /// Displacement of the grip \[m\] after which its tool is clear of the tissue at rest and of tools that stand still, along the normal of
-    /// a vertex that is not held: the shortest one that leads out through no held face, which is a wall. Zero for a tool that is clear already and has not
-    /// `slipped` in; `None` for no pose, or where no way is found.
+    /// a vertex: the shortest one that leads to where the place is in sight at which the hand begins, or out through no held face, which
+    /// is a wall. Zero for a tool that is clear already and has not `slipped` in; `None` for no pose, or where no way is found.
     pub fn from(&self, grip: &Pose, slipped: bool) -> Option<[f64; 3]> {
         let placement = self.tool.place(&at_rest(0, grip))?;
         let solid = Solid::new(&self.tool, self.surface.mean_edge_m, &placement);
@@ -71,6 +77,9 @@ impl WayOut {
             return Some([0.0; 3]);
         }
         let begins = self.in_tissue(&solid.middle())?;
+        let start = self.start(grip);
+        // A tool that presses from outside goes back to that side.
+        let outside = Some(solid.middle()).filter(|at| !slipped && !self.contains(at));
         let mut shortest: Option<(f64, Vector3<f64>)> = None;
         for (least_m, normal) in self.directions(&solid) {
             if shortest.is_some_and(|(way_m, _)| least_m >= way_m) {
@@ -80,7 +89,12 @@ impl WayOut {
                 continue;
             };
             let end = solid.middle() + normal * way_m;
-            if self.leads_through_held(&begins, &end) || self.is_beyond_held(&end) {
+            let is_walled = || self.leads_through_held(&begins, &end) || self.is_beyond_held(&end);
+            let leads_out = match outside {
+                Some(_) => self.is_in_sight(outside.as_ref(), &end),
+                None => self.is_in_sight(start.as_ref(), &end) || !is_walled(),
+            };
+            if !leads_out {
                 continue;
             }
             if shortest.is_none_or(|(before_m, _)| way_m < before_m) {
@@ -119,13 +133,11 @@ impl WayOut {
         Some(self.at(*node) - Vector3::from(*normal) * below_m)
     }
 
-    /// Outward normals of all vertices that are not held, each once, with the least way that could lead past such a vertex \[m\],
-    /// ascending.
+    /// Outward normals of all vertices, each once, with the least way that could lead past such a vertex \[m\], ascending.
     fn directions(&self, solid: &Solid) -> Vec<(f64, Vector3<f64>)> {
         let middle = solid.middle();
         let vertices = self.surface.vertices.iter().zip(&self.surface.normals);
-        let free = vertices.filter(|(node, _)| self.held.binary_search(node).is_err());
-        let mut ways: Vec<_> = free
+        let mut ways: Vec<_> = vertices
             .map(|(node, normal)| {
                 let normal = Vector3::from(*normal);
                 let beyond_m = (self.at(*node) - middle).dot(&normal) + solid.radius();
@@ -157,6 +169,25 @@ impl WayOut {
         let apart_m = (1.0 + CLEARANCE) * solid.radius();
         let mut others = self.others.iter();
         others.any(|other| solid.cores().iter().any(|core| other.gap(core) < apart_m))
+    }
+
+    /// Middle of a tool that is held as the grip is, where the hand begins; none if that is not clear.
+    fn start(&self, grip: &Pose) -> Option<Vector3<f64>> {
+        let pose = Pose {
+            position_m: self.begins_m?,
+            ..*grip
+        };
+        let placement = self.tool.place(&at_rest(0, &pose))?;
+        let solid = Solid::new(&self.tool, self.surface.mean_edge_m, &placement);
+        self.is_clear(&solid).then(|| solid.middle())
+    }
+
+    /// Whether no tissue is between two places: then the solver calls neither behind a wall.
+    fn is_in_sight(&self, start: Option<&Vector3<f64>>, end: &Vector3<f64>) -> bool {
+        start.is_some_and(|start| {
+            let mut crossed = self.surface.crossed(|node| self.at(node), start, end);
+            crossed.next().is_none()
+        })
     }
 
     fn is_held(&self, triangle: &[u32; 3]) -> bool {
@@ -195,6 +226,7 @@ mod tests {
         let text = format!(
             r#"
             name = "slab"
+            device = "cartesian-bench"
             [mesh.slab]
             size_m = [0.08, 0.08, 0.03]
             divisions = [8, 8, 3]
@@ -258,6 +290,32 @@ mod tests {
             );
             assert!(at[2] + out[2] > 0.01 && out[2] < 0.06, "{at:?}: {out:?}");
         }
+    }
+
+    /// A ball that was drawn into a clamp that reaches the top is led up from it: the hand has begun above.
+    #[test]
+    fn it_leads_up_from_within_a_clamp() {
+        let scene = slab(
+            "radius_m = 0.014\n[[fixed]]\nbox = { min_m = [0.01, -0.05, -0.05], max_m = [0.05, 0.05, 0.01] }\n\
+             [hand]\nstiffness_n_per_m = 500.0\ndamping_n_s_per_m = 5.0\n[[hand.way_point]]\ntime_s = 0.0\nposition_m = [0.0, 0.0, 0.03]",
+        );
+        let ways = WayOut::of(&scene, scene.mesh.points_m()).expect("a tool");
+        for at in [[0.02, 0.0, -0.01], [0.025, 0.01, -0.012], [0.0, 0.0, -0.02]] {
+            let out = ways.from(&grip(at), true).expect("a way");
+            assert!(at[2] + out[2] > 0.014, "{at:?}: {out:?}");
+        }
+        // Pressed on the clamp from above, or on the floor from below, it is led away from there.
+        for (at, up) in [([0.03, 0.0, 0.01], true), ([0.0, 0.0, -0.042], false)] {
+            let out = ways.from(&grip(at), false).expect("a way");
+            assert_eq!(out[2] > 0.0, up, "{at:?}: {out:?}");
+            assert!(
+                out[0].abs() < 1e-12 && out[2].abs() < 0.014,
+                "{at:?}: {out:?}"
+            );
+        }
+        // Never out below the floor.
+        let out = ways.from(&grip([0.0, 0.0, -0.04]), true).expect("a way");
+        assert!(-0.04 + out[2] > -0.03, "{out:?}");
     }
 
     /// A triangle of the top whose three nodes are held, as in a corner between two held sides, is no wall: the way leads up past it.

@@ -117,8 +117,14 @@ impl PageAttendant {
         let order = match command {
             Command::SafeStop => {
                 self.stops.push((Stop::Safe, reply.person()));
-                (self.arms, self.is_stopped, self.leaving) = (None, true, None);
-                if let Some((guide, _)) = &mut self.hand {
+                (self.arms, self.is_stopped) = (None, true);
+                let is_led = self.leaving.take().is_some();
+                if let Some((guide, since)) = &mut self.hand {
+                    if let Some(grip) = self.telemetry.grip().filter(|_| is_led) {
+                        let script = guide.stay(since.elapsed().as_secs_f64(), grip.position_m);
+                        self.orders
+                            .push_back(Order::Simulate(Simulate::Hand(script)));
+                    }
                     guide.stop();
                 }
                 self.telemetry.safe_stop(reply.asker());

@@ -177,10 +177,27 @@ impl Guide {
         (self.script, way_s)
     }
 
-    /// From now on it holds the grip so; what it is told for that, which is what is left of what it was told last.
-    pub fn hold(&mut self, now_s: f64, grasp: Grasp) -> HandScript {
+    fn take(&mut self, grasp: Grasp) {
         self.scenes.stiffness_n_per_m = grasp.stiffness_n_per_m;
         self.scenes.damping_n_s_per_m = grasp.damping_n_s_per_m;
+    }
+
+    /// Takes hold of a grip at rest where that is: a spring that became stiffer would throw one that has sunk. What it is told.
+    pub fn hold_at_rest(&mut self, now_s: f64, grasp: Grasp, at: [f64; 3]) -> HandScript {
+        self.take(grasp);
+        self.stay(now_s, at)
+    }
+
+    /// Stays at a place, whatever it was about. What it is told.
+    pub fn stay(&mut self, now_s: f64, at: [f64; 3]) -> HandScript {
+        self.places.clear();
+        self.doing = Doing::Script;
+        self.tell(now_s, &[(0.0, at)])
+    }
+
+    /// From now on it holds the grip so; what it is told for that, which is what is left of what it was told last.
+    pub fn hold(&mut self, now_s: f64, grasp: Grasp) -> HandScript {
+        self.take(grasp);
         let passed_s = now_s - self.since_s;
         let used = self.script.way_points.get(..usize::from(self.script.count));
         let to_come = used.unwrap_or_default().iter().filter_map(|point| {
@@ -445,6 +462,10 @@ mod tests {
             }
             let still = guide.go(3.0, Hand::Still);
             assert_eq!(still.damping_n_s_per_m, 9.0);
+            // A grip that has sunk at rest is held there.
+            let sunk = guide.hold_at_rest(4.0, grasp, [0.0, 0.0, -0.042]);
+            assert_eq!((sunk.count, guide.at(5.0)[2]), (1, f64::from(-0.042_f32)));
+            assert_eq!(sunk.start_joint, sunk.way_points[0].position_m);
         }
     }
 

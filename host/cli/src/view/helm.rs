@@ -19,11 +19,11 @@ use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use sutura_host::link::Order;
-use sutura_host::scene::{Tissue, joints_at};
+use sutura_host::scene::Tissue;
 use sutura_host::session::{Instruction, Plan, Steer, Steered, Stop, Tuning};
 use sutura_host::tool::Act;
 use sutura_shared::wire::faults;
-use sutura_shared::wire::message::{Command as ToConsole, HandScript, Mode, Simulate};
+use sutura_shared::wire::message::{Command as ToConsole, Mode, Simulate};
 use sutura_view::{Command, Hand, Reply, Request, SetTo};
 
 /// Between two looks at signals while time stands still.
@@ -89,6 +89,9 @@ impl Stopper {
         }
     }
 }
+
+/// Next step for a simulated console that has lost counts.
+const RESTART: &str = "`Start again` begins with counts that are right";
 
 /// How far time goes before it stands still again.
 #[derive(Clone, Copy, Debug)]
@@ -239,7 +242,7 @@ impl<'a> Helm<'a> {
             Command::Arm | Command::TakeOut if now.state.mode == Mode::Fault => {
                 let restarts = now.state.faults & faults::UNTIL_RESTART != 0;
                 let help = if restarts {
-                    "restart the console where its origin is"
+                    RESTART
                 } else {
                     "clear the fault first"
                 };
@@ -275,7 +278,7 @@ impl<'a> Helm<'a> {
             Command::ClearFault if now.state.faults & faults::UNTIL_RESTART != 0 => {
                 return reply.refuse(
                     "an encoder has lost its place, and clearing does not bring it back",
-                    "restart the console where its origin is",
+                    RESTART,
                 );
             }
             Command::ClearFault => self.order(ToConsole::ClearFault, now, instructions),
@@ -372,8 +375,15 @@ impl<'a> Helm<'a> {
         now: &Steered<'_>,
         instructions: &mut Vec<Instruction>,
     ) {
-        (self.leaving, self.arms) = (None, false);
-        // A drag is over: a grip that is armed again stays where it was stopped.
+        let is_led = self.leaving.take().is_some();
+        self.arms = false;
+        // A drag or a way out is over: a grip that is armed again stays where it was stopped.
+        if is_led {
+            let script = self
+                .guide
+                .stay(self.time_s(now), grip(now.state).position_m);
+            instructions.push(Order::Simulate(Simulate::Hand(script)).into());
+        }
         self.guide.stop();
         self.show.telemetry().safe_stop(stopper.asker);
         instructions.push(Instruction::Stop(Stop::Safe, stopper.person.clone()));
@@ -491,12 +501,13 @@ impl<'a> Helm<'a> {
                 self.tuned = Some(tuning);
             }
             Change::Grasp(grasp) => {
-                let script = self.guide.hold(self.time_s(now), grasp);
-                // At rest a simulated console begins at the script's start: the grip stays where it is.
-                let here = joints_at(&self.plan.device.kinematics, grip(now.state).position_m);
-                let script = HandScript {
-                    start_joint: here.unwrap_or(script.start_joint),
-                    ..script
+                let now_s = self.time_s(now);
+                let script = if self.moves(now) {
+                    self.guide.hold(now_s, grasp)
+                } else {
+                    // At rest a simulated console begins at the script's start: the grip stays where it is.
+                    let here = grip(now.state).position_m;
+                    self.guide.hold_at_rest(now_s, grasp, here)
                 };
                 instructions.push(Order::Simulate(Simulate::Hand(script)).into());
             }
