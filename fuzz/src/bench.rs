@@ -98,7 +98,7 @@ impl Bench {
         (self.before, self.without_fixture, self.state) = (None, 0, None);
     }
 
-    /// What the console has counted since it was switched on.
+    /// Counters of the console since it was switched on.
     pub fn counters(&self) -> Counters {
         self.console.counters()
     }

@@ -84,7 +84,7 @@ pub const CONSOLE: Console = fitted::fit(devices::CONSOLE.named(NAME));
 /// The amplifiers' enable line.
 pub type EnablePin = PE9<Input>;
 
-/// ... its pin's name.
+/// Name of the enable line's pin.
 pub const ENABLE_PIN: &str = "PE9";
 
 /// Level of the enable line, as the pin has it.

@@ -43,7 +43,7 @@ pub const CONSOLE: Console = devices::CONSOLE.named(NAME);
 /// The amplifiers' enable line.
 pub type EnablePin = PA8<Input>;
 
-/// ... its pin's name.
+/// Name of the enable line's pin.
 pub const ENABLE_PIN: &str = "PA8";
 
 /// Level of the enable line, as the pin has it.

@@ -88,9 +88,9 @@ const NO_CURRENT: u32 = CONSOLE.set_point.none(TIMER.period) as u32;
 /// Break and dead-time register of either timer: outputs driven low while disabled. Lock level 2, until the next reset: nothing can
 /// change these bits, the break input's, nor what the outputs' idle level and polarity are (RM0090, 17.4.18).
 const BREAK_DEAD_TIME: u32 = 1 << 11 | 1 << 10 | 0b10 << 8;
-/// ... TIM1's alone: break input on, active low.
+/// Bit of TIM1's register alone: break input on, active low.
 const BREAK_INPUT: u32 = 1 << 12;
-/// ... main output enable, which the break input takes away.
+/// Bit of main output enable, which the break input takes away.
 const MAIN_OUTPUT_ENABLE: u32 = 1 << 15;
 
 /// The interrupt of the link task.
@@ -506,7 +506,7 @@ pub struct Ports {
     pub g: gpio::gpiog::Parts,
 }
 
-/// What a board has taken of them. The first four are set up here, when it is safe.
+/// Pins and timers that a board has taken. The first four are set up here, when it is safe.
 pub struct Wired {
     /// The emergency stop's line.
     pub stop: gpio::PA6<Input>,

@@ -260,7 +260,7 @@ pub struct TissueSection {
     /// Density \[kg/m^3\], for weight under `gravity_m_per_s2`, and for models with masses, where it is 1050 when left out.
     #[schemars(with = "Option<f64>", extend("minimum" = 1.0, "maximum" = 30000.0))]
     pub density_kg_per_m3: Option<Spanned<f64>>,
-    /// How its stress fades at a held pose, of energy-balance-neo-hookean tissue; it does not when left out.
+    /// Stress relaxation at a held pose, of energy-balance-neo-hookean tissue; none when left out.
     #[schemars(with = "Option<RelaxationSection>")]
     pub relaxation: Option<Spanned<RelaxationSection>>,
     /// How the tissue answers needles; scenes with needles need it.

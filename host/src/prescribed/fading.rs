@@ -1,4 +1,4 @@
-//! How fast the force on a held tool fades where the tissue's stress does.
+//! Rate at which the force on a held tool relaxes where the tissue's stress does.
 //!
 //! Entry point: [`Fading::rate_per_s`]. Stress that fades alike everywhere leaves places alone: the force on a tool is the elastic one with
 //! the relaxation function convolved (Christensen 1982, 2.1), and what has not faded yet follows from the forces themselves.

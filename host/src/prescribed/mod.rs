@@ -101,7 +101,7 @@ pub(crate) struct Prescribed {
     shapes: Vec<(u8, Tool)>,
     /// The tool whose tangent is wanted.
     driven: Option<u8>,
-    /// How its force fades, if the tissue's stress does.
+    /// Relaxation of its force, if the tissue's stress relaxes.
     fading: Option<Fading>,
     tools: Tools,
     /// Rows of the drive whose nodes press, of the tool at hand.

@@ -179,7 +179,7 @@ impl Corotational {
 /// Model of which a scene can say that its stress fades.
 pub(crate) const RELAXES: &str = "energy-balance-neo-hookean";
 
-/// What a scene's tissue is made of, but for its numbers: no fibres.
+/// Substance of a scene's tissue, but for its numbers: no fibres.
 const PLAIN: Substance = Substance {
     material: crate::fem::Material {
         youngs_modulus_pa: 1e4,

@@ -32,7 +32,7 @@ pub struct WayOut {
     /// Nodes that are held, ascending.
     held: Vec<u32>,
     tool: Tool,
-    /// Where the hand begins with the grip, if the scene has one \[m\].
+    /// Place of the grip at which the scene's hand begins, if there is one \[m\].
     begins_m: Option<[f64; 3]>,
     /// Tools that stand still.
     others: Vec<Solid>,

@@ -14,7 +14,7 @@ const ROUNDING: f64 = 2e-7;
 pub struct Crossing {
     /// Counted from 0, ascending.
     pub triangles: [usize; 2],
-    /// Where an edge of one goes through the other \[m\], (3).
+    /// Point at which an edge of one goes through the other \[m\], (3).
     pub at_m: [f64; 3],
 }
 

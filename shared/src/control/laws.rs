@@ -1,4 +1,4 @@
-//! What the laws of a frame's own contact allow of a force, whatever an extrapolation or a blend makes of it.
+//! Bounds of a force by the laws of a frame's own contact, whatever an extrapolation or a blend makes of it.
 //!
 //! Entry points: [`Growth::note`] for every frame; [`Growth::keep`] and [`Cone::keep`] once a tick, after the blend.
 
@@ -48,7 +48,7 @@ impl Cone {
         }
     }
 
-    /// How far a force is beyond it \[N\].
+    /// Distance of a force from it \[N\], 0 within.
     pub fn beyond_n(&self, force: &Vec3) -> f32 {
         let along_n = dot(&self.axis, force);
         let across = force - self.axis * along_n;

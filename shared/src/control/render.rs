@@ -98,9 +98,9 @@ pub(super) struct Render {
     /// Change of the model's force over the last tick in which it was not new \[N\], and the way on which it changed \[m\].
     course: Option<(Vec3, Vec3)>,
     track: Track,
-    /// What friction holds in this tick; none where nothing rubs.
+    /// Friction cone of this tick; none where nothing rubs.
     cone: Option<Cone>,
-    /// What the last force is allowed beyond it \[N\].
+    /// Excess beyond it that the last force is allowed \[N\].
     beyond_n: f32,
     growth: Growth,
 }

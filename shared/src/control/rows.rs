@@ -94,7 +94,7 @@ pub struct ContactRows {
     anchor: [f32; MAX_ROWS],
     /// The host's anchors: how far tangents slipped between the state's pose and the frame's.
     told: [f32; MAX_ROWS],
-    /// What friction holds of all of it at the frame's pose; none where nothing rubs.
+    /// Friction cone of all of it at the frame's pose; none where nothing rubs.
     cone: Option<Cone>,
     /// What the last solve left; negative before a first one that may start from the host's multipliers.
     residual: f32,
@@ -264,7 +264,7 @@ impl ContactRows {
         self.count == 0
     }
 
-    /// What friction holds of all of it at the frame's pose; none where nothing rubs.
+    /// Friction cone of all of it at the frame's pose; none where nothing rubs.
     pub(super) fn cone(&self) -> Option<&Cone> {
         self.cone.as_ref()
     }

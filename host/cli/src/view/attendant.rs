@@ -34,7 +34,7 @@ const ARMS_WITHIN: Duration = Duration::from_secs(1);
 pub struct PageAttendant {
     operator: Operator,
     asked: Receiver<Request>,
-    /// When a page asked to arm a console that was not armed. It counts for [`ARMS_WITHIN`].
+    /// Time at which a page asked to arm a console that was not armed. It counts for [`ARMS_WITHIN`].
     arms: Option<Instant>,
     /// Whether a page has stopped it, and none has armed it since: then it is not armed by itself.
     is_stopped: bool,
