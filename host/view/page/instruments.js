@@ -74,7 +74,7 @@ export class Instruments {
     this.tools.clear();
     this.needles.clear();
     this.threads.clear();
-    this.scales = { contact: 0, wrench: 0 };
+    this.forget();
     for (const tool of hello.tools) {
       const geometry = toolGeometry(tool);
       const mesh = geometry ? new THREE.Mesh(geometry) : gripMark(this.stage.radius);
@@ -110,6 +110,11 @@ export class Instruments {
   remove(object) {
     this.group.remove(object);
     if (object instanceof THREE.Mesh) object.geometry.dispose();
+  }
+
+  /** The next picture sets the lengths of arrows anew. */
+  forget() {
+    this.scales = { contact: 0, wrench: 0 };
   }
 
   /** Around tools and needles as they are. */

@@ -50,6 +50,8 @@ class Page {
     /** Of the scene that the camera looks at. */
     this.bounds = '';
     this.unframed = false;
+    /** Whether the picture that was asked for is still to come: another stands in for it. */
+    this.awaited = false;
     this.past = new Past();
     this.shown = /** @type {number[]} */ ([]);
     this.bar = new Bar({
@@ -209,6 +211,7 @@ class Page {
       if (elsewhere) this.stage.look('home');
       // Where tools are the first picture says.
       this.unframed = elsewhere && !(first && this.asked);
+      this.awaited = true;
       if (first && this.asked) this.view?.apply(this.asked, this.panel);
       this.asked = null;
     }
@@ -240,15 +243,27 @@ class Page {
     view.picture = picture;
     tissue.move(picture.displacement, picture.displacementScale);
     this.colouring.show(picture);
+    if (this.awaited) instruments.forget();
     instruments.setPicture(picture, (vertex, into) => this.place(vertex, into), isInside(picture, this.hello));
     this.showSpring();
+    // What is seen of a recording at a time does not depend on the pictures that stood in for it.
+    const came = this.hello?.source !== 'recording' || Math.abs(picture.time - this.player.time) < 1.5 / this.player.hz;
+    if (came) this.awaited = false;
     if (this.unframed) {
-      this.unframed = false;
-      const box = instruments.bounds();
-      if (!box.isEmpty()) stage.include(box);
-      stage.look('home');
+      this.unframed = !came;
+      this.frameAll();
     }
     stage.request();
+  }
+
+  /** Frames the tissue, and the tools where they are. */
+  frameAll() {
+    const { stage, instruments, hello } = this;
+    if (!stage || !instruments || !hello) return;
+    stage.frame(hello.bounds_m);
+    const box = instruments.bounds();
+    if (!box.isEmpty()) stage.include(box);
+    stage.look('home');
   }
 
   showAgain() {

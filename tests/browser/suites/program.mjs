@@ -547,13 +547,12 @@ async function likened(sutura, browser, file, taken, seed) {
     for (const { at, drawn, png } of taken) {
       const apart = [];
       const times = [];
-      // A shot is framed by what is there at its time.
+      // A shot is framed by what is there at its time, and its arrows are as long as forces of then ask for.
       await shown(at);
       await page.evaluate(() => {
-        const { stage, instruments, hello } = window.sutura;
-        stage.frame(hello.bounds_m);
-        stage.include(instruments.bounds());
-        stage.look('home');
+        window.sutura.instruments.forget();
+        window.sutura.showAgain();
+        window.sutura.frameAll();
       });
       for (const by of [0, -0.3, 0.3]) {
         const other = await shown(at + by);
