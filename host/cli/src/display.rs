@@ -158,6 +158,8 @@ pub struct Display {
 /// Pace of a session.
 #[derive(Debug)]
 struct Pace {
+    /// Whether it takes the time that the clock does, and ends when it is to end.
+    real_time: bool,
     began: Instant,
     /// Newest note, and last line.
     heard: Instant,
@@ -177,11 +179,13 @@ impl Pace {
         let so_far_s = now.saturating_duration_since(self.began).as_secs_f64();
         let step = now.saturating_duration_since(self.heard);
         let Self {
-            elapsed_s, seconds, ..
+            real_time,
+            elapsed_s,
+            seconds,
+            ..
         } = self;
-        // One in real time ends when it is to end.
-        let is_by_its_own_time = *elapsed_s < 0.5 * so_far_s || *elapsed_s > 2.0 * so_far_s;
-        let line = is_by_its_own_time.then(|| {
+        let keeps_time = *real_time && *elapsed_s > 0.5 * so_far_s && step <= LONG_STEP;
+        let line = (!keeps_time).then(|| {
             let step = match step > LONG_STEP {
                 true => format!(", {:.0} s of them in one place", step.as_secs_f64()),
                 false => String::new(),
@@ -199,9 +203,10 @@ struct Teller {
 }
 
 impl Teller {
-    fn start(seconds: f64) -> Self {
+    fn start(seconds: f64, real_time: bool) -> Self {
         let now = Instant::now();
         let pace = Pace {
+            real_time,
             began: now,
             heard: now,
             said: now,
@@ -257,9 +262,15 @@ const LONG_STEP: Duration = Duration::from_secs(5);
 
 impl Display {
     /// A bar if stderr is a terminal, lines of JSON if `stream`.
-    /// Neither where `other` is shown in its place. Without them a session of `seconds` whose pace is not that of the clock says
-    /// every ten seconds how far it is.
-    pub fn new(stream: bool, format: Format, other: bool, seconds: f64) -> Display {
+    /// Neither where `other` is shown in its place. Without them a session of `seconds` says every ten seconds how far it is, unless
+    /// it is in real time and keeps up.
+    pub fn new(
+        stream: bool,
+        format: Format,
+        other: bool,
+        seconds: f64,
+        real_time: bool,
+    ) -> Display {
         let visible = !other && io::stderr().is_terminal() && !(stream && format == Format::Text);
         let style = ProgressStyle::with_template("{elapsed_precise} {bar:32} {msg}");
         let bar = visible.then(|| {
@@ -270,7 +281,7 @@ impl Display {
             bar.enable_steady_tick(Duration::from_millis(500));
         }
         let is_silent = bar.is_none() && !other && !stream;
-        let teller = is_silent.then(|| Teller::start(seconds));
+        let teller = is_silent.then(|| Teller::start(seconds, real_time));
         Display {
             bar,
             stream,
@@ -717,9 +728,10 @@ mod tests {
     #[test]
     fn a_session_by_its_own_time_says_how_far_it_is() {
         let began = Instant::now();
-        let told = |elapsed_s: f64, heard_s: u64, now_s: u64| {
+        let tell = |real_time: bool, elapsed_s: f64, heard_s: u64, now_s: u64| {
             let at = |s: u64| began + Duration::from_secs(s);
             let mut pace = Pace {
+                real_time,
                 began,
                 heard: at(heard_s),
                 said: began,
@@ -730,6 +742,7 @@ mod tests {
             assert!(!wait.is_zero() && wait <= SILENT);
             line
         };
+        let told = |elapsed_s, heard_s, now_s| tell(true, elapsed_s, heard_s, now_s);
         assert_eq!(told(0.7, 9, 9), None);
         let line = |text: &str| Some(text.to_owned());
         assert_eq!(told(0.7, 11, 12), line("0.7 of 20.0 s after 12 s .."));
@@ -737,8 +750,15 @@ mod tests {
             told(0.7, 2, 12),
             line("0.7 of 20.0 s after 12 s, 10 s of them in one place ..")
         );
-        assert_eq!(told(300.0, 11, 11), line("300.0 of 20.0 s after 11 s .."));
         assert_eq!(told(10.5, 11, 11), None);
+        assert_eq!(
+            told(10.5, 2, 12),
+            line("10.5 of 20.0 s after 12 s, 10 s of them in one place ..")
+        );
+        for elapsed_s in [10.5, 300.0] {
+            let words = format!("{elapsed_s:.1} of 20.0 s after 11 s ..");
+            assert_eq!(tell(false, elapsed_s, 11, 11), Some(words));
+        }
     }
 
     #[test]

@@ -275,7 +275,13 @@ pub fn run(args: &RunArgs, global: &Global) -> Result<(), Failure> {
         }
         None => Box::new(Operator::new(args.rearm)),
     };
-    let mut display = Display::new(args.stream, global.format, args.top, plan.seconds);
+    let mut display = Display::new(
+        args.stream,
+        global.format,
+        args.top,
+        plan.seconds,
+        !lockstep,
+    );
     let top = match &viewed {
         Some(viewed) if args.top => Some(Top::start(viewed, stop.clone())?),
         _ => None,

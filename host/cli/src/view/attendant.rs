@@ -144,8 +144,9 @@ impl PageAttendant {
             }
             Command::TakeOut => match self.leave(Start::Grip, MORE_WAYS) {
                 Ok(true) => {
+                    self.telemetry.take_out();
                     self.stops.push((Stop::TakeOut, reply.person()));
-                    self.is_stopped = true;
+                    (self.arms, self.is_stopped) = (None, true);
                     Some(Order::Command(ToConsole::Disarm))
                 }
                 Ok(false) => {

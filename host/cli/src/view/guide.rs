@@ -29,6 +29,11 @@ const TO_START_S: f64 = 0.3;
 /// Speed at which a tool is taken out of the tissue \[m/s\], and the least duration \[s\].
 const OUT_M_PER_S: f64 = 0.1;
 const OUT_S: f64 = 0.3;
+/// Stiffness and damping with which a tool is taken out at least: a soft hand lets a grip whose motors are off sink by its weight.
+const OUT_N_PER_M: f32 = 2000.0;
+const OUT_N_S_PER_M: f32 = 40.0;
+/// Time for which it holds the grip so once the console is armed again: its motors take the weight by then \[s\].
+const ARMS_S: f64 = 0.5;
 /// Longest way that it can do again, in periods: 10 min.
 const LONGEST_WAY: usize = 60_000;
 /// Refusal of a hand's motion while the motors are off, and the next step.
@@ -53,6 +58,8 @@ enum Doing {
     ToStart(Way, f64),
     /// It does again what it did when it was dragged last, from this place of that on.
     Again(usize),
+    /// It has taken a tool out, and holds it firmly until this time \[s\], which counts from when the console is armed.
+    Out(Option<f64>),
 }
 
 /// A way that it can go.
@@ -158,26 +165,29 @@ impl Guide {
         self.tell(now_s, &[(0.0, at), (way_s, start)])
     }
 
-    /// Goes straight from where it wants the grip to a place, and stays there; the console's joints are at `start_joint`. What it is
-    /// told, and how long that takes \[s\].
+    /// Goes straight from one place to another, in a firm grasp, and stays there until the console is armed; the console's joints are at
+    /// `start_joint`. What it is told, and how long that takes \[s\].
     pub fn take_out(
         &mut self,
         now_s: f64,
-        to: [f64; 3],
+        [from, to]: [[f64; 3]; 2],
         start_joint: [f32; JOINTS],
     ) -> (HandScript, f64) {
-        let from = self.at(now_s);
         self.stop();
+        self.doing = Doing::Out(None);
         let way_s = (distance(&from, &to) / OUT_M_PER_S).max(OUT_S);
         let script = self.tell(now_s, &[(0.0, from), (way_s, to)]);
         self.script = HandScript {
             start_joint,
+            stiffness_n_per_m: script.stiffness_n_per_m.max(OUT_N_PER_M),
+            damping_n_s_per_m: script.damping_n_s_per_m.max(OUT_N_S_PER_M),
             ..script
         };
         (self.script, way_s)
     }
 
-    fn take(&mut self, grasp: Grasp) {
+    /// Takes hold of the grip so with its next order.
+    pub fn take(&mut self, grasp: Grasp) {
         self.scenes.stiffness_n_per_m = grasp.stiffness_n_per_m;
         self.scenes.damping_n_s_per_m = grasp.damping_n_s_per_m;
     }
@@ -216,6 +226,15 @@ impl Guide {
     pub fn order(&mut self, now_s: f64) -> Option<HandScript> {
         match self.doing.clone() {
             Doing::Script => None,
+            Doing::Out(None) => {
+                self.doing = Doing::Out(Some(now_s + ARMS_S));
+                None
+            }
+            Doing::Out(Some(until_s)) if now_s < until_s => None,
+            Doing::Out(Some(_)) => {
+                self.doing = Doing::Script;
+                Some(self.tell(now_s, &[(0.0, self.at(now_s))]))
+            }
             Doing::ToStart(_, then_s) if now_s < then_s => None,
             Doing::ToStart(Way::Scene, _) => {
                 self.doing = Doing::Script;
@@ -475,13 +494,25 @@ mod tests {
         let mut guide = Guide::new(hand(), BENCH);
         guide.drag(0.0, Some([0.0, 0.0, -0.011]));
         run(&mut guide, 0.0, 1.0);
-        let (script, way_s) = guide.take_out(1.0, [0.0, 0.0, 0.02], [0.1, 0.2, 0.3]);
+        let ends = [[0.0, 0.0, -0.011], [0.0, 0.0, 0.02]];
+        let (script, way_s) = guide.take_out(1.0, ends, [0.1, 0.2, 0.3]);
         assert_eq!(Simulate::Hand(script).check(), Ok(()));
         assert_eq!(script.start_joint, [0.1, 0.2, 0.3]);
+        assert_eq!(
+            script.stiffness_n_per_m, OUT_N_PER_M,
+            "a soft hand lets it sink"
+        );
         assert!((way_s - 0.31).abs() < 1e-6, "{way_s} s");
-        let way = run(&mut guide, 1.0, 1.0);
+        // Its orders are asked for once the console is armed.
+        assert!(guide.order(2.0).is_none() && guide.order(2.49).is_none());
+        let way: Vec<_> = (0..1000)
+            .map(|tick| guide.at(1.0 + 1e-3 * f64::from(tick)))
+            .collect();
         assert!(way.windows(2).all(|two| two[1][2] >= two[0][2]));
-        assert!(distance(&way[way.len() - 1], &[0.0, 0.0, 0.02]) < 1e-6);
+        assert!(distance(&way[way.len() - 1], &ends[1]) < 1e-6);
+        let own = guide.order(2.5).map(|script| script.stiffness_n_per_m);
+        assert_eq!(own, Some(500.0), "its motors carry it");
+        assert!(distance(&guide.at(3.0), &ends[1]) < 1e-6);
         assert!(guide.order(3.0).is_none(), "it rests");
     }
 

@@ -259,6 +259,8 @@ impl<'a> Helm<'a> {
                 let mut way = Vec::new();
                 match self.leave(Start::Grip, MORE_WAYS, now, &mut way) {
                     Ok(true) => {
+                        self.arms = false;
+                        self.show.telemetry().take_out();
                         instructions.push(Instruction::Stop(Stop::TakeOut, reply.person()));
                         self.order(ToConsole::Disarm, now, instructions);
                         instructions.append(&mut way);
@@ -500,6 +502,8 @@ impl<'a> Helm<'a> {
                 self.plan = self.plan.tuned(&tuning);
                 self.tuned = Some(tuning);
             }
+            // On a way out the hand holds the grip as that needs.
+            Change::Grasp(grasp) if self.leaving.is_some() => self.guide.take(grasp),
             Change::Grasp(grasp) => {
                 let now_s = self.time_s(now);
                 let script = if self.moves(now) {

@@ -35,7 +35,7 @@ pub fn grip(state: &State) -> Pose {
     }
 }
 
-/// Place from which a way out is counted. The hand is a spring: motors and friction keep the grip away from its target.
+/// Place from which a way out is counted, and begins. The hand is a spring: motors and friction keep the grip away from its target.
 #[derive(Clone, Copy, Debug)]
 pub enum Start {
     /// The grip, for the first way: the force of the motors ends with it.
@@ -89,7 +89,9 @@ impl TakeOut {
             joints_at(kinematics, grip.position_m),
             joints_at(kinematics, to),
         ) {
-            (Some(start_joint), Some(_)) => Ok(Some(guide.take_out(now_s, to, start_joint))),
+            (Some(start_joint), Some(_)) => {
+                Ok(Some(guide.take_out(now_s, [from, to], start_joint)))
+            }
             _ => {
                 let [x, y, z] = to.map(|along| 1e3 * along);
                 let message = format!(

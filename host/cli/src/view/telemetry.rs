@@ -43,6 +43,8 @@ struct Inner {
     stopped_by: Option<&'static str>,
     /// Whether somebody has asked to arm it, and no state has shown it armed since.
     arming: bool,
+    /// Whether the tool is to be taken out of the tissue, and no state has shown the console at rest since.
+    leaving: bool,
 }
 
 impl Telemetry {
@@ -61,6 +63,7 @@ impl Telemetry {
             has_slipped: false,
             stopped_by: None,
             arming: false,
+            leaving: false,
         };
         Self {
             inner: Mutex::new(inner),
@@ -185,6 +188,12 @@ impl Telemetry {
         self.lock().arming = true;
     }
 
+    /// Somebody has asked to take the tool out of the tissue, for which the console is disarmed.
+    pub fn take_out(&self) {
+        let mut inner = self.lock();
+        inner.leaving = inner.mode.is_some_and(renders);
+    }
+
     /// Tells of something that is known elsewhere.
     pub fn event(&self, what: &str, text: &str, help: &str) {
         self.lock().event(what, text, help);
@@ -235,8 +244,12 @@ impl Inner {
                     self.event("armed", "the console is armed", "");
                 }
                 (before, Mode::Idle) => {
+                    let leaves = std::mem::take(&mut self.leaving);
                     let words = match (self.stopped_by, before) {
                         (Some(by), _) => format!("safe stop, asked for by {by}"),
+                        (None, _) if leaves => {
+                            "the console rests while the tool is taken out of the tissue".to_owned()
+                        }
                         (None, Some(Mode::Decaying)) => {
                             "the console has let go: no contact came in time for half a second"
                                 .to_owned()
