@@ -330,27 +330,10 @@ fn listen(
     let (mut down, mut rest) = (BEGIN.to_vec(), Vec::new());
     let mut resets = false;
     loop {
-        match open
+        // What came before it broke off counts: it may have told of its reset.
+        let exchanged = open
             .as_deref_mut()
-            .map(|port| exchange(port, &mut down, &mut rest))
-        {
-            Some(Ok(())) => {}
-            Some(Err(error)) if !resets => {
-                return Err(Failure::say(
-                    Cause::NoConsole,
-                    format!("`{name}` broke off: {error}"),
-                    "plug the board in again, and start over",
-                ));
-            }
-            // It is on its way through the reset that it has told of.
-            _ => {
-                drop(open.take());
-                rest.clear();
-                std::thread::sleep(RETRY);
-                open = reopen();
-                down = GO_ON.to_vec();
-            }
-        }
+            .map(|port| exchange(port, &mut down, &mut rest));
         while let Some(end) = rest.iter().position(|byte| *byte == b'\n') {
             let line: Vec<u8> = rest.drain(..=end).collect();
             let line = String::from_utf8_lossy(&line);
@@ -373,6 +356,24 @@ fn listen(
                 heard = before;
             }
         }
+        match exchanged {
+            Some(Ok(())) => {}
+            Some(Err(error)) if !resets => {
+                return Err(Failure::say(
+                    Cause::NoConsole,
+                    format!("`{name}` broke off: {error}"),
+                    "plug the board in again, and start over",
+                ));
+            }
+            // It is on its way through the reset that it has told of.
+            _ => {
+                drop(open.take());
+                rest.clear();
+                std::thread::sleep(RETRY);
+                open = reopen();
+                down = GO_ON.to_vec();
+            }
+        }
         if heard.elapsed() > SILENCE || began.elapsed() > longest {
             let message = match report.checks.last() {
                 _ if began.elapsed() > longest => {
@@ -393,10 +394,11 @@ fn listen(
     }
 }
 
-/// Sends what is to be sent, and takes what has come.
+/// Sends what is to be sent, and takes what has come, also from a board that takes no more.
 fn exchange(port: &mut dyn Port, down: &mut Vec<u8>, rest: &mut Vec<u8>) -> io::Result<()> {
-    let sent = port.write(down)?;
-    down.drain(..sent);
+    let sent = port.write(down).map(|sent| {
+        down.drain(..sent);
+    });
     let wait = match down.is_empty() {
         true => Duration::from_millis(100),
         false => Duration::from_millis(1),
@@ -404,7 +406,7 @@ fn exchange(port: &mut dyn Port, down: &mut Vec<u8>, rest: &mut Vec<u8>) -> io::
     let mut bytes = [0; 4096];
     let count = port.read(&mut bytes, wait)?;
     rest.extend_from_slice(bytes.get(..count).unwrap_or_default());
-    Ok(())
+    sent
 }
 
 /// Writes and judges a report.

@@ -127,6 +127,11 @@ impl Offer {
         self.period_us.store(period_us, Ordering::Relaxed);
     }
 
+    /// Whether somebody watches.
+    pub fn is_wanted(&self) -> bool {
+        self.period_us.load(Ordering::Relaxed) > 0
+    }
+
     /// The beats of its threads, once; none of a scene without.
     pub fn heard(&self) -> Option<Heard> {
         self.heard

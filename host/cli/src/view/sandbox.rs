@@ -22,10 +22,10 @@ use std::sync::mpsc::Receiver;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 use sutura_hil::NativeConsole;
-use sutura_host::picture::Showing;
+use sutura_host::picture::{Offer, Showing};
 use sutura_host::recording::{About, Recorder, TappedConsole, TappedSolver};
 use sutura_host::session::{EndingKind, Progress, run_steered};
-use sutura_view::{Request, Shared};
+use sutura_view::Request;
 
 /// Where a session is recorded that a page wants recorded, if no file was named.
 const RECORDED: &str = "sutura-view.mcap";
@@ -136,7 +136,7 @@ fn session(
     let tapped = TappedSolver::new(&mut solver, recorder.tap()).sketched(&scene);
     let mut showing = Showing::new(tapped, Some(show.offer()));
     if pause.is_some() {
-        await_page(page.shared(), stop);
+        await_page(&show.offer(), stop);
     }
     let mut helm = Helm::new((asked, stop), &show, wish, (plan, settings), saves);
     helm.close_jaws_of(jaws);
@@ -165,9 +165,9 @@ fn session(
     Ok(ended)
 }
 
-/// Pictures are made for who watches: a page has to be there before time stands still.
-fn await_page(shared: &Shared, stop: &AtomicBool) {
-    while shared.figures().joined == 0 && !stop.load(Ordering::Relaxed) {
+/// Pictures are made for who watches: a page has to be there, and to be noticed, before time stands still.
+fn await_page(offer: &Offer, stop: &AtomicBool) {
+    while !offer.is_wanted() && !stop.load(Ordering::Relaxed) {
         std::thread::sleep(LOOKS_EVERY);
     }
 }
