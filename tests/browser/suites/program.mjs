@@ -498,7 +498,8 @@ async function shots({ sutura, browser, out, full, seed }, folder) {
   const draw = () => (state = (48271 * state) % 2147483647) / 2147483647;
   const count = full ? 200 : 6;
   // A session stands still at its time, a solve's period after the last one.
-  let worst = 0.3 - (await takenOf(sutura, 'scenes/palpation.toml', path.join(out, 'shot-scene.png'), 0.3, seed));
+  let worst = 0;
+  for (const at of [0, 0.01, 0.3]) worst = Math.max(worst, Math.abs(at - (await takenOf(sutura, 'scenes/palpation.toml', path.join(out, 'shot-scene.png'), at, seed))));
   for (const [which, [scene, seconds]] of RECORDED.entries()) {
     const file = path.join(folder, `${scene}.mcap`);
     await runs(sutura, ['run', `scenes/${scene}.toml`, '--lockstep', '--seconds', String(seconds), '--record', file]);
