@@ -101,18 +101,20 @@ impl Pty {
         &self.path
     }
 
-    /// Bytes that the host has not read yet.
+    /// Bytes that the host has not read yet; at least 1 while it is reading.
     ///
     /// # Errors
     /// What the system says.
     pub fn unread(&self) -> io::Result<u64> {
-        // What is still on its way to the terminal is counted only once somebody has looked at that.
+        // What is still on its way to the terminal comes there only when a look finds nothing there: where it finds something, more
+        // may be behind that when the host has read it a moment later.
         let looked = &mut [rustix::event::PollFd::new(
             &self.terminal,
             rustix::event::PollFlags::IN,
         )];
-        rustix::event::poll(looked, Some(&rustix::event::Timespec::default()))?;
-        Ok(rustix::io::ioctl_fionread(&self.terminal)?)
+        let found = rustix::event::poll(looked, Some(&rustix::event::Timespec::default()))?;
+        let count = rustix::io::ioctl_fionread(&self.terminal)?;
+        Ok(count.max(u64::from(found > 0)))
     }
 }
 
